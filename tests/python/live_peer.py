@@ -608,10 +608,17 @@ LATCHED = {
     "next_action": ros.TransformStamped,
     "next_pose": ros.PoseStamped,
     "pose": ros.PoseWithCovarianceStamped,
+    "/tf_static": ros.TFMessage,
     "particles": ros.PoseArray,
     "particle_cloud": ros.PointCloud2,
     "belief": ros.OccupancyGrid,
 }
+
+
+def latched(participant, node, topic, depth):
+    """A reader of one of `LATCHED`: below the node, or at the root."""
+    path = topic if topic.startswith("/") else f"{node}/{topic}"
+    return reader(participant, f"rt{path}", LATCHED[topic], "latched", depth)
 
 
 def check_late(_seconds):
@@ -624,8 +631,7 @@ def check_late(_seconds):
                 robot.must("reset")
                 touches = script(robot, [("B", 0, 0), ("B", 2, 0)])
             viewers.append(DomainParticipant(DOMAIN))
-            latched = lambda topic, kind: reader(viewers[-1], f"rt{node.name}/{topic}", kind, "latched", 10)
-            readers = {topic: latched(topic, kind) for topic, kind in LATCHED.items()}
+            readers = {topic: latched(viewers[-1], node.name, topic, 10) for topic in LATCHED}
             came = {topic: wait_for(f"the latest {topic}", lambda: take(of)) for topic, of in readers.items()}
             time.sleep(2)
             [came[topic].extend(take(of)) for topic, of in readers.items()]
@@ -636,6 +642,11 @@ def check_late(_seconds):
             check(decision == touches[-1]["decision"] and decision["touch"] == 2, f"{decision}")
             stamps = {(of[0].header.stamp.sec, of[0].header.stamp.nanosec) for of in came.values() if hasattr(of[0], "header")}
             check(len(stamps) == 1, "messages of several touches")
+            frame, pose = came["/tf_static"][0].transforms[0], came["pose"][0]
+            check((frame.header, frame.child_frame_id) == (pose.header, came["belief"][0].header.frame_id), f"{frame}")
+            numbers = lambda of: [getattr(of, axis) for axis in of.__dataclass_fields__]
+            there, pose = (frame.transform.translation, frame.transform.rotation), pose.pose.pose
+            check([*map(numbers, there)] == [numbers(pose.position), numbers(pose.orientation)], f"{frame} {pose}")
             n = len(came["particles"][0].poses)
             check(n == came["particle_cloud"][0].width * came["particle_cloud"][0].height, "particles")
         graph = reader(viewers[-1], "ros_discovery_info", ros.ParticipantEntities, "latched")
@@ -893,7 +904,7 @@ def check_two(_seconds):
 def hang(node):
     """A subscriber of everything that reads nothing and is stopped."""
     participant = DomainParticipant(DOMAIN)
-    kept = [reader(participant, f"rt{node}/{topic}", kind, "latched", 1) for topic, kind in LATCHED.items()]
+    kept = [latched(participant, node, topic, 1) for topic in LATCHED]
     kept += [reader(participant, f"rt{node}/{topic}", kind, "reliable") for topic, kind in
              (("events", ros.String), ("diagnostics", ros.DiagnosticArray))]
     time.sleep(1000)

@@ -295,15 +295,15 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
     let touch = |pose: Se2, n: u64| {
         sensor.observe(&simulator.touch(0, Side::Hole, &pose, &mut frame_rng(5, n)).unwrap()).unwrap()
     };
-    // Two touches beside the letter, then one on it.
-    let (beside, moved) = (Se2::new(12.0, 12.0, 0.0), Se2::new(-24.0, 0.0, 0.0));
-    let mut episode = Episode::begin(EpisodeConfig::of(&model), Arc::new(bank), &touch(beside, 1)).unwrap();
-    episode.observe(moved, &touch(beside * moved, 2)).unwrap();
+    // Two touches next to the letter, then one on it.
+    let (aside, moved) = (Se2::new(12.0, 12.0, 0.0), Se2::new(-24.0, 0.0, 0.0));
+    let mut episode = Episode::begin(EpisodeConfig::of(&model), Arc::new(bank), &touch(aside, 1)).unwrap();
+    episode.observe(moved, &touch(aside * moved, 2)).unwrap();
     let blank = episode.estimate();
     let verified = blank.verified.unwrap();
     assert_eq!((verified.log_odds, verified.n_new, blank.presence), (0.0, 0.0, None));
     let on_it = Se2::new(12.0, -12.0, 0.0);
-    episode.observe(on_it, &touch(beside * moved * on_it, 3)).unwrap();
+    episode.observe(on_it, &touch(aside * moved * on_it, 3)).unwrap();
     let found = episode.estimate();
     let verified = found.verified.unwrap();
     assert!(verified.n_new > 0.5 && verified.n_new <= 1.0 && verified.log_odds.abs() <= 8.0, "{verified:?}");
@@ -311,7 +311,7 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
 }
 
 #[test]
-fn maps_are_in_millimetres_whatever_a_sensor_shows() {
+fn maps_are_in_millimetres_under_any_view() {
     let shipped = |name: &str| format!("{}/../infer/models/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

@@ -1,8 +1,8 @@
 //! What comes in, and what goes out: bytes of ROS 2 messages, so that the network, the log and a viewer get the same.
 
 use tactile_data::recording::ros::messages::{
-    DiagnosticArray, Message, OccupancyGrid, PointCloud2, PoseArray, PoseStamped, PoseWithCovarianceStamped, Text,
-    TransformStamped,
+    DiagnosticArray, Message, OccupancyGrid, PointCloud2, PoseArray, PoseStamped, PoseWithCovarianceStamped, TFMessage,
+    Text, TransformStamped,
 };
 
 /// Something that happened, and when.
@@ -54,7 +54,7 @@ impl Request {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Observe, Self::Reset, Self::Calibrate];
 
-    /// Its name below the node's.
+    /// Its name: below the node's, or the one that ROS 2 gives it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Observe => "~/observe",
@@ -90,6 +90,8 @@ pub enum Output {
 pub enum Topic {
     /// The likeliest part's pose in the robot's base frame (`PoseWithCovarianceStamped`).
     Pose,
+    /// The same pose as a frame, so that a viewer can draw what is in the part's frame (`TFMessage`).
+    Frame,
     /// Poses of the part in the robot's base frame, the likeliest first (`PoseArray`).
     Particles,
     /// The same as points with their weights and parts (`PointCloud2`).
@@ -115,8 +117,9 @@ pub enum Topic {
 
 impl Topic {
     /// All of them.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Pose,
+        Self::Frame,
         Self::Particles,
         Self::ParticleCloud,
         Self::Belief,
@@ -133,6 +136,7 @@ impl Topic {
     pub fn name(self) -> &'static str {
         match self {
             Self::Pose => "~/pose",
+            Self::Frame => "/tf_static",
             Self::Particles => "~/particles",
             Self::ParticleCloud => "~/particle_cloud",
             Self::Belief => "~/belief",
@@ -153,6 +157,7 @@ impl Topic {
         }
         match self {
             Self::Pose => of::<PoseWithCovarianceStamped>(),
+            Self::Frame => of::<TFMessage>(),
             Self::Particles => of::<PoseArray>(),
             Self::ParticleCloud => of::<PointCloud2>(),
             Self::Belief | Self::Felt => of::<OccupancyGrid>(),

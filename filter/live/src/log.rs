@@ -23,7 +23,7 @@ use crate::parameters::Parameters;
 const FLUSH_NS: i64 = 500_000_000;
 
 /// The value of [`Setup::version`] that this program writes and reads.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// What the events of a log were given to: the first message of a log, on `~/setup`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,19 +69,22 @@ pub(crate) enum Line {
 impl Line {
     /// Its topic.
     pub(crate) fn topic(self, setup: &Setup) -> String {
-        let own = |name: &str| format!("{}/{name}", setup.node);
+        let own = |name: &str| match name.strip_prefix("~/") {
+            Some(below) => format!("{}/{below}", setup.node),
+            None => name.to_owned(),
+        };
         match self {
-            Self::Setup => own("setup"),
+            Self::Setup => own("~/setup"),
             Self::Image => setup.image_topic.clone(),
             // As image_transport names it.
             Self::CompressedImage => format!("{}/compressed", setup.image_topic),
             Self::ToolPose => setup.tool_topic.clone(),
             Self::PartPose => setup.part_topic.clone(),
-            Self::Called => own("called"),
-            Self::Cameras => own("cameras"),
-            Self::Tick => own("tick"),
-            Self::Answer => own("answers"),
-            Self::Output(topic) => own(topic.name().trim_start_matches("~/")),
+            Self::Called => own("~/called"),
+            Self::Cameras => own("~/cameras"),
+            Self::Tick => own("~/tick"),
+            Self::Answer => own("~/answers"),
+            Self::Output(topic) => own(topic.name()),
         }
     }
 
@@ -166,18 +169,23 @@ impl LogWriter {
     ///
     /// # Errors
     /// A file that exists, a disk that cannot be written.
-    pub fn create(path: &Path, setup: &Setup, time_ns: i64) -> Result<Self> {
+    pub fn create(path: &Path, setup: &Setup) -> Result<Self> {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
         }
         let file = File::create_new(path).map_err(Error::io(path))?;
         let bag = BagWriter::new(path, file, &setup.program)?;
-        let mut log = Self { bag, setup: setup.clone(), channels: BTreeMap::new(), flushed_ns: None };
-        let json = serde_json::to_string(setup)
-            .map_err(|error| Error::invalid("setup", "what JSON can hold", error.to_string()))?;
-        log.write(Line::Setup, time_ns, 0, &to_cdr(&Text { data: json }))?;
-        log.bag.flush()?;
-        Ok(log)
+        Ok(Self { bag, setup: setup.clone(), channels: BTreeMap::new(), flushed_ns: None })
+    }
+
+    /// Writes the setup where nothing was written yet. Its time is the first event's: that clock may be a simulated one.
+    fn begin(&mut self, time_ns: i64) -> Result<()> {
+        if self.channels.is_empty() {
+            let json = serde_json::to_string(&self.setup)
+                .map_err(|error| Error::invalid("setup", "what JSON can hold", error.to_string()))?;
+            self.write(Line::Setup, time_ns, 0, &to_cdr(&Text { data: json }))?;
+        }
+        Ok(())
     }
 
     /// Writes an event of a number.
@@ -185,6 +193,7 @@ impl LogWriter {
     /// # Errors
     /// A disk that cannot be written.
     pub fn event(&mut self, number: u32, event: &Event) -> Result<()> {
+        self.begin(event.time_ns)?;
         let (line, cdr) = Line::of_input(&event.input);
         self.write(line, event.time_ns, number, &cdr)
     }
@@ -222,7 +231,8 @@ impl LogWriter {
     ///
     /// # Errors
     /// A disk that cannot be written.
-    pub fn finish(self) -> Result<()> {
+    pub fn finish(mut self) -> Result<()> {
+        self.begin(0)?;
         Ok(self.bag.finish()?)
     }
 }

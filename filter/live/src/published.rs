@@ -3,7 +3,7 @@
 use tactile_data::pose::grid::PoseGrid;
 use tactile_data::pose::se2::Se2;
 use tactile_data::recording::ros::messages::{
-    Header, OccupancyGrid, PointCloud2, Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped, Text, Time,
+    Header, OccupancyGrid, PointCloud2, Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped, TFMessage, Text, Time,
     TransformStamped, to_cdr,
 };
 use tactile_data::recording::ros::rigid::Rigid;
@@ -65,6 +65,7 @@ impl Scene<'_> {
             outputs.push(publish(Topic::NextPose, self.next_pose(&next)));
         }
         outputs.push(publish(Topic::Pose, to_cdr(&self.pose())));
+        outputs.push(publish(Topic::Frame, to_cdr(&self.frame())));
         outputs.push(publish(Topic::Particles, self.pose_array(&particles)));
         outputs.push(publish(Topic::ParticleCloud, self.point_cloud(&particles)));
         outputs.push(publish(Topic::Belief, to_cdr(&self.belief(&states))));
@@ -100,6 +101,16 @@ impl Scene<'_> {
             pose: self.base_from_part(&estimate.part_from_sensor),
             covariance: covariance(&self.base_from_first, &part_from_first, &estimate.covariance),
         }
+    }
+
+    /// The likeliest part as a frame. It is a static one: it holds until the next touch, and who comes late gets it.
+    fn frame(&self) -> TFMessage {
+        let transform = TransformStamped {
+            header: self.header(self.base),
+            child_frame_id: self.frames.part.clone(),
+            transform: self.base_from_part(&self.report.estimate.part_from_sensor),
+        };
+        TFMessage { transforms: vec![transform] }
     }
 
     fn base_from_part(&self, part_from_sensor: &Se2) -> Pose {

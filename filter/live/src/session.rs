@@ -76,8 +76,8 @@ impl Session {
     ///
     /// # Errors
     /// A file that exists, a disk that cannot be written.
-    pub fn with_log(self, path: &Path, setup: &Setup, time_ns: i64) -> Result<Self> {
-        Ok(Self { log: Some(LogWriter::create(path, setup, time_ns)?), ..self })
+    pub fn with_log(self, path: &Path, setup: &Setup) -> Result<Self> {
+        Ok(Self { log: Some(LogWriter::create(path, setup)?), ..self })
     }
 
     /// The same with one more that looks on.

@@ -3,15 +3,17 @@
 use std::collections::BTreeSet;
 
 use serde_json::Value;
+use tactile_live::parameters::FrameParameters;
 
 const LAYOUT: &str = include_str!("../foxglove-layout.json");
 
 /// What the node publishes, and the sensor's picture.
-const TOPICS: [&str; 9] = [
-    "/gelsight/image",
+const TOPICS: [&str; 10] = [
     "/tactile_filter/belief",
     "/tactile_filter/diagnostics",
+    "/tactile_filter/events",
     "/tactile_filter/felt",
+    "/tactile_filter/image",
     "/tactile_filter/label",
     "/tactile_filter/next_action",
     "/tactile_filter/next_pose",
@@ -37,4 +39,5 @@ fn each_panel_has_settings_and_each_topic_a_panel() {
     for topic in TOPICS {
         assert!(LAYOUT.contains(&format!("\"{topic}")), "{topic} is in no panel");
     }
+    assert_eq!(layout["configById"]["3D!belief"]["followTf"], FrameParameters::default().part.as_str());
 }

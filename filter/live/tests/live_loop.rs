@@ -13,7 +13,10 @@ use tactile_data::pose::grid::PoseGrid;
 use tactile_data::pose::se2::Se2;
 use tactile_data::recording::ros::bag::Bag;
 use tactile_data::recording::ros::bag_writer::BagWriter;
-use tactile_data::recording::ros::messages::{Header, Image, Message, Pose, PoseStamped, Text, to_cdr};
+use tactile_data::recording::ros::messages::{
+    Header, Image, Message, OccupancyGrid, Pose, PoseStamped, PoseWithCovarianceStamped, TFMessage, Text,
+    TransformStamped, from_cdr, to_cdr,
+};
 use tactile_data::scene::{Kit, Parts, Scene};
 use tactile_data::sensor::light::LightRig;
 use tactile_data::sensor::simulator::{Simulator, frame_rng};
@@ -76,7 +79,7 @@ fn is_right(outcome: &Outcome) -> bool {
 fn logged(log: &Path) -> Session {
     let (model, bank) = model_and_bank();
     let setup = Names::default().setup(&Parameters::default(), &model, &bank).unwrap();
-    Session::new(node()).with_log(log, &setup, 1).unwrap()
+    Session::new(node()).with_log(log, &setup).unwrap()
 }
 
 #[test]
@@ -113,7 +116,7 @@ fn holes_are_named_and_the_log_gives_the_same_decisions() {
 
     // A log is never written over.
     let setup = replay::setup(&log).unwrap();
-    assert!(Session::new(node()).with_log(&log, &setup, 1).is_err());
+    assert!(Session::new(node()).with_log(&log, &setup).is_err());
     // Another model or bank is refused, as is a log that lacks an event, or holds other bytes.
     let other = Arc::new(bank.with_parts(&[0, 1]).unwrap());
     assert!(replay::replay(&log, model.clone(), other).unwrap_err().to_string().contains("bank of log"));
@@ -154,7 +157,7 @@ fn under_lamps_that_nobody_knows_holes_are_named_once_their_touches_have_told_th
     let log = folder.path().join("live.mcap");
     let setup = Names::default().setup(&parameters, &model, &bank).unwrap();
     let node = Node::new(parameters.clone(), model.clone(), bank.clone()).unwrap();
-    let mut session = Session::new(node).with_log(&log, &setup, 1).unwrap();
+    let mut session = Session::new(node).with_log(&log, &setup).unwrap();
     let mut other = scene();
     other.sensor.light = LightRig::named("cmu").unwrap();
     let settings = RobotSettings { n_episodes: 12, ..RobotSettings::default() };
@@ -179,6 +182,33 @@ fn under_lamps_that_nobody_knows_holes_are_named_once_their_touches_have_told_th
     parameters.camera.calibration = Some("mine.toml".to_owned());
     let error = Node::new(parameters, model, bank).unwrap_err().to_string();
     assert!(error.starts_with("camera.learn_light: expected false where camera.calibration is given"), "{error}");
+}
+
+#[test]
+fn the_frame_in_which_the_belief_is_drawn_is_where_the_part_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("live.mcap");
+    let mut session = logged(&log);
+    run(RobotSettings { n_episodes: 2, ..RobotSettings::default() }, &mut session);
+    session.finish().unwrap();
+    let messages: Vec<_> = Bag::open(&log).unwrap().messages().map(|message| message.unwrap()).collect();
+    let of = |topic: &'static str| messages.iter().filter(move |message| message.channel.topic == topic);
+    // On one clock, so that a viewer's slider spans what happened.
+    let times = messages.iter().map(|message| message.log_time_ns);
+    assert!(times.clone().max().unwrap() - times.min().unwrap() < 60_000_000_000);
+    let beliefs: Vec<OccupancyGrid> =
+        of("/tactile_filter/belief").map(|message| from_cdr(message.bytes(), "belief").unwrap()).collect();
+    let poses = of("/tactile_filter/pose");
+    let mut n_frames = 0;
+    for ((frame, pose), belief) in of("/tf_static").zip(poses).zip(&beliefs) {
+        assert_eq!(frame.sequence, pose.sequence);
+        let frame: TFMessage = from_cdr(frame.bytes(), "frame").unwrap();
+        let pose: PoseWithCovarianceStamped = from_cdr(pose.bytes(), "pose").unwrap();
+        let child_frame_id = belief.header.frame_id.clone();
+        assert_eq!(frame.transforms, [TransformStamped { header: pose.header, child_frame_id, transform: pose.pose }]);
+        n_frames += 1;
+    }
+    assert!(n_frames >= 2 && n_frames == beliefs.len(), "{n_frames} of {}", beliefs.len());
 }
 
 /// Copies a log without its 200th picture, or with another byte in it.
@@ -490,7 +520,7 @@ fn a_refused_touch_of_a_folder_gets_its_answer_and_what_cannot_be_written_costs_
 }
 
 #[test]
-fn a_log_of_another_version_is_refused_whatever_else_it_holds() {
+fn a_log_of_another_version_is_refused_before_the_rest_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("old.mcap");
     let mut writer = BagWriter::new(&log, std::fs::File::create_new(&log).unwrap(), "test").unwrap();
@@ -499,6 +529,6 @@ fn a_log_of_another_version_is_refused_whatever_else_it_holds() {
     writer.write_numbered(channel, 1, 0, &to_cdr(&Text { data })).unwrap();
     writer.finish().unwrap();
     let said = replay::setup(&log).unwrap_err().to_string();
-    assert!(said.contains("old.mcap: expected a log of version 3, got version 1"), "{said}");
+    assert!(said.contains("old.mcap: expected a log of version 4, got version 1"), "{said}");
     assert!(said.contains("tactile-live 0.0.9"), "{said}");
 }

@@ -19,7 +19,6 @@ use tactile_live::shell::speaker::Speaker;
 use tactile_live::shell::views::{Shown, terminal};
 use tactile_live::shell::watch::{channel, show};
 use tactile_live::shell::{Spoken, film, folder, simulated};
-use tactile_live::sources::NodeClock;
 use tactile_live::sources::commands::HELP;
 use tactile_live::sources::folder::Folder;
 use tactile_live::sources::lines::Lines;
@@ -213,7 +212,7 @@ impl Live {
         }
         let session = looking.onlookers.into_iter().fold(session, Session::with_onlooker);
         match &self.log {
-            Some(log) => Ok(session.with_log(log, &setup, NodeClock::start().now_ns())?),
+            Some(log) => Ok(session.with_log(log, &setup)?),
             None => Ok(session),
         }
     }
