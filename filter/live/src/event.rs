@@ -54,7 +54,7 @@ impl Request {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Observe, Self::Reset, Self::Calibrate];
 
-    /// Its name: below the node's, or the one that ROS 2 gives it.
+    /// Its name below the node's.
     pub fn name(self) -> &'static str {
         match self {
             Self::Observe => "~/observe",
@@ -132,7 +132,7 @@ impl Topic {
         Self::Events,
     ];
 
-    /// Its name below the node's.
+    /// Its name: below the node's, or the one that ROS 2 gives it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Pose => "~/pose",

@@ -174,7 +174,9 @@ impl LogWriter {
             std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
         }
         let file = File::create_new(path).map_err(Error::io(path))?;
-        let bag = BagWriter::new(path, file, &setup.program)?;
+        let mut bag = BagWriter::new(path, file, &setup.program)?;
+        // A full disk is an error here, before anything is touched.
+        bag.flush()?;
         Ok(Self { bag, setup: setup.clone(), channels: BTreeMap::new(), flushed_ns: None })
     }
 

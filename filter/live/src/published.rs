@@ -64,8 +64,9 @@ impl Scene<'_> {
             outputs.push(publish(Topic::NextAction, self.next_action(&next)));
             outputs.push(publish(Topic::NextPose, self.next_pose(&next)));
         }
-        outputs.push(publish(Topic::Pose, to_cdr(&self.pose())));
-        outputs.push(publish(Topic::Frame, to_cdr(&self.frame())));
+        let pose = self.pose();
+        outputs.push(publish(Topic::Pose, to_cdr(&pose)));
+        outputs.push(publish(Topic::Frame, to_cdr(&self.frame(pose))));
         outputs.push(publish(Topic::Particles, self.pose_array(&particles)));
         outputs.push(publish(Topic::ParticleCloud, self.point_cloud(&particles)));
         outputs.push(publish(Topic::Belief, to_cdr(&self.belief(&states))));
@@ -103,14 +104,11 @@ impl Scene<'_> {
         }
     }
 
-    /// The likeliest part as a frame. It is a static one: it holds until the next touch, and who comes late gets it.
-    fn frame(&self) -> TFMessage {
-        let transform = TransformStamped {
-            header: self.header(self.base),
-            child_frame_id: self.frames.part.clone(),
-            transform: self.base_from_part(&self.report.estimate.part_from_sensor),
-        };
-        TFMessage { transforms: vec![transform] }
+    /// A pose of the part as its frame. It is a static one: it holds until the next touch, and who comes late gets it.
+    fn frame(&self, of: PoseWithCovarianceStamped) -> TFMessage {
+        let PoseWithCovarianceStamped { header, pose, .. } = of;
+        let child_frame_id = self.frames.part.clone();
+        TFMessage { transforms: vec![TransformStamped { header, child_frame_id, transform: pose }] }
     }
 
     fn base_from_part(&self, part_from_sensor: &Se2) -> Pose {
