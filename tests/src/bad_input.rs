@@ -350,7 +350,6 @@ fn an_output_that_cannot_be_written_is_found_before_the_work() {
         format!("tactile-filter evaluate {with} --shard 1/2 --out two.toml"),
         format!("tactile-filter assemble {with} --out two.toml"),
         "tactile-filter tradeoff --model model/model.safetensors --scene two.toml --out two.toml".into(),
-        "tactile-filter extremes --quick --out two.toml".into(),
         "tactile-filter reproduction model --out two.toml/page.html".into(),
     ] {
         names(&shell(&sample, &line), &["two.toml"]);
@@ -458,7 +457,6 @@ fn an_output_has_one_writer_at_a_time() {
             "out/tradeoff.html",
             format!("tactile-filter tradeoff --model model/model.safetensors --scene two.toml --out {out}"),
         ),
-        ("out/extremes.html", format!("tactile-filter extremes --quick --out {out}")),
         ("out", format!("tactile-data inspect maze --sheet {out}")),
         ("out", format!("tactile-data render letter:A:12 --out {out}")),
         ("out.npy", format!("tactile-data render letter:A:12 --out {out} --heights-out {out}.npy")),

@@ -12,7 +12,6 @@ mod earlier_holes;
 pub mod episodes;
 pub mod error;
 pub mod evaluate;
-pub mod extremes;
 pub mod fits;
 pub mod hole;
 pub mod holes;

@@ -8,11 +8,9 @@ mod table;
 mod training;
 mod twin;
 
-use std::path::{PathBuf, absolute};
-
 use clap::Subcommand;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::workspace::Workspace;
 
 /// What to measure.
@@ -40,16 +38,6 @@ pub enum Bench {
     /// Whole decisions on one core: what they take, and whether a budget's promise is kept.
     #[command(after_help = "Example:\n  cargo xtask bench decision")]
     Decision(decision::DecisionArgs),
-    /// The filter's numbers at the extremes: the posterior against an f64 reference, as a table and a page.
-    #[command(after_help = "Example:\n  cargo xtask bench extremes --out extremes")]
-    Extremes {
-        /// Folder for extremes.json and extremes.html.
-        #[arg(long, default_value = "extremes")]
-        out: PathBuf,
-        /// Fewer and smaller cases, in seconds.
-        #[arg(long)]
-        quick: bool,
-    },
 }
 
 /// Builds the programs and measures.
@@ -65,12 +53,5 @@ pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
         Bench::Runtimes => runtimes::runtimes(workspace),
         Bench::Twin(args) => twin::twin(workspace, args),
         Bench::Decision(args) => decision::decision(workspace, args),
-        Bench::Extremes { out, quick } => {
-            let out = absolute(out).map_err(Error::io(out))?;
-            let quick = if *quick { "--quick" } else { "" };
-            let program = workspace.program("tactile-filter").words(format!("extremes {quick} --out"));
-            println!("extremes: {}", program.arg(out).run(&workspace.root)?);
-            Ok(())
-        }
     }
 }

@@ -6,7 +6,6 @@ mod budget;
 mod by_hand;
 mod certify;
 mod evaluate;
-mod extremes;
 mod failure;
 mod label;
 mod learn;
@@ -51,9 +50,7 @@ enum Command {
     Certify(certify::Certify),
     Watch(watch::Watch),
     Try(by_hand::Try),
-    // For `cargo xtask bench` and `cargo xtask reproduce` alone.
-    #[command(hide = true)]
-    Extremes(extremes::ExtremesArgs),
+    // For `cargo xtask reproduce` alone.
     #[command(hide = true)]
     Reproduction(reproduction::Reproduction),
 }
@@ -65,7 +62,6 @@ impl Cli {
             Command::Assemble(assemble) => Ok(assemble.run()?),
             Command::Certify(certify) => Ok(certify.run()?),
             Command::Evaluate(evaluate) => Ok(evaluate.run()?),
-            Command::Extremes(extremes) => Ok(extremes.run()?),
             Command::Live(live) => live.run(),
             Command::Merge(merge) => Ok(merge.run()?),
             Command::Replay(replay) => replay.run(),

@@ -11,7 +11,7 @@ use super::case::{Case, Group};
 use super::cases::{DIM, N_PARTS, OF_COSINES, compared, names_truth, of_one_touch, spread};
 use super::reference::OF_COSINE;
 use super::sample::Sample;
-use crate::error::Result;
+use crate::Result;
 
 /// How far the rounding of a row to f16 moves a cosine of unit vectors at most: 2^-11 of each value, sums of whose
 /// products are at most 1 (Cauchy and Schwarz), and 2^-25 for its smallest numbers times sqrt(128).

@@ -9,7 +9,7 @@ use tactile_infer::bank::rows::Rows;
 use tactile_infer::bank::similarity::normalize_rows;
 
 use super::reference::{Expected, Touch, cosines, expected};
-use crate::error::Result;
+use crate::Result;
 use tactile_filter::Observation;
 use tactile_filter::TouchModel;
 use tactile_filter::belief::{Belief, EngineConfig};

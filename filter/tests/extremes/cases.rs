@@ -12,7 +12,7 @@ use super::case::{Case, Group};
 use super::production::largest;
 use super::reference::{Expected, OF_COSINE, Pose, Touch, expected};
 use super::sample::Sample;
-use crate::error::Result;
+use crate::Result;
 use tactile_filter::Observation;
 use tactile_filter::TouchModel;
 use tactile_filter::belief::modes::modes;

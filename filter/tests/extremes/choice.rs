@@ -16,7 +16,7 @@ use super::evidence::{Evidence, Judged};
 use super::production::{cosine_errors, kept_queries};
 use super::reference::{Likelihood, Pose, new_share};
 use super::scene::{DIM, GRID, Scene};
-use crate::error::Result;
+use crate::Result;
 
 /// States drawn, systematically, and states supposed true, one by one.
 const N_DRAWS: usize = 6_000;

@@ -13,7 +13,7 @@ use super::evidence::{Evidence, Posterior};
 use super::placed;
 use super::reference::OF_COSINE;
 use super::scene::{DIM, GRID, SMALL_GRID, Scene};
-use crate::error::Result;
+use crate::Result;
 
 /// Where the bounds of this module come from.
 const SOURCE: &str = "rounding of cosines, weights and lengths by what the log-likelihood is at both ends of a cosine, \

@@ -21,7 +21,7 @@ use tactile_infer::embedding::precision::Precision;
 use super::between::Recorded;
 use super::reference::Touch;
 use super::sample::normals;
-use crate::error::Result;
+use crate::Result;
 
 /// A bank's grid as the presets have it, 9 x 9 x 13 poses.
 pub const GRID: PoseGrid = PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 90.0, theta_step_deg: 15.0 };

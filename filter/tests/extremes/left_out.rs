@@ -10,7 +10,7 @@ use tactile_filter::likelihood::TouchLikelihood;
 use super::case::{Case, Group};
 use super::reference::OF_COSINE;
 use super::sample::Sample;
-use crate::error::Result;
+use crate::Result;
 
 /// Touches of a hole.
 const N_TOUCHES: usize = 10;

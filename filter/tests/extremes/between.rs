@@ -249,7 +249,7 @@ fn strides(grid: &PoseGrid) -> [usize; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::extremes::reference::Pose;
+    use crate::reference::Pose;
     use tactile_data::pose::se2::Se2;
 
     const SMALL: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
