@@ -194,9 +194,19 @@ fn train_layer<const D: usize>(x: Tensor<4>, weights: Tensor<D>, norm: &BatchNor
     let [mean, variance] = running.map(|running| running.value_sync().to_device(&device));
     let (out, followed) = op::train_layer(x, weights, [norm.gamma.val(), norm.beta.val(), mean, variance], layer);
     for (running, new) in running.into_iter().zip(followed) {
-        running.update(new.detach());
+        // In the place of `update`, whose mean over threads is a launch more. Clones share their value.
+        let _ = running.clone().map(&mut Replace(new.detach()));
     }
     out
+}
+
+/// Puts a tensor in the place of another.
+struct Replace(Tensor<1>);
+
+impl ModuleMapper for Replace {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        param.map(|old| self.0.clone().reshape(old.dims()))
+    }
 }
 
 /// Draws each matrix and kernel from N(0, 2 / fan-in) (He et al. 2015); vectors keep their ones and zeros.
