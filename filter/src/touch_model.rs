@@ -123,7 +123,7 @@ impl TouchModel {
     }
 
     /// The defaults with what was fitted and measured of a model where this side is touched, where it was. A model without a
-    /// calibration for touched pegs is believed as for holes: measured, the two hardly differ (`infer/NOTES.md`).
+    /// calibration for touched pegs is believed as for holes.
     pub fn of_side(model: &Model, side: Side) -> Self {
         let mut of_model = Self::default();
         if let Some(odds) = model.match_odds(side).or_else(|| model.match_odds(Side::Hole)) {

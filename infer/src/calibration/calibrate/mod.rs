@@ -28,8 +28,7 @@ const MIN_HOLES: usize = 50;
 const MAX_HOLES: usize = 1_500;
 
 /// What a model's own calibration counts as, in touches, when a sensor's touches are few: matches differ from sensor to sensor by
-/// several times, so that what is known of one says little of another. Chosen on tuning letters under three sensors
-/// (`NOTES.md`).
+/// several times, so that what is known of one says little of another. Chosen on tuning letters (`NOTES.md`, Calibration).
 pub const PRIOR_TOUCHES: f64 = 2.0;
 
 /// Which touches of a dataset are compared.
