@@ -195,15 +195,15 @@ fn train_layer<const D: usize>(x: Tensor<4>, weights: Tensor<D>, norm: &BatchNor
     let (out, followed) = op::train_layer(x, weights, [norm.gamma.val(), norm.beta.val(), mean, variance], layer);
     for (running, new) in running.into_iter().zip(followed) {
         // In the place of `update`, whose mean over threads is a launch more. Clones share their value.
-        let _ = running.clone().map(&mut Replace(new.detach()));
+        let _ = running.clone().map(&mut NewValue(new.detach()));
     }
     out
 }
 
 /// Puts a tensor in the place of another.
-struct Replace(Tensor<1>);
+struct NewValue(Tensor<1>);
 
-impl ModuleMapper for Replace {
+impl ModuleMapper for NewValue {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         param.map(|old| self.0.clone().reshape(old.dims()))
     }
