@@ -323,7 +323,7 @@ mod tests {
 
     #[test]
     fn the_settings_are_those_of_the_shipped_model() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../infer/models/maze-small.safetensors");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../infer/models/maze-small.safetensors");
         let model = Model::load(&path).unwrap();
         for side in [Side::Hole, Side::Peg] {
             let (here, of_model) = (shipped(side), TouchModel::of_side(&model, side));
