@@ -12,6 +12,7 @@ use super::case::{Case, Group};
 use super::production::largest;
 use super::reference::{Expected, OF_COSINE, Pose, Touch, expected};
 use super::sample::Sample;
+use super::scene::DIM;
 use crate::Result;
 use tactile_filter::Observation;
 use tactile_filter::TouchModel;
@@ -20,9 +21,8 @@ use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::belief::{Belief, EngineConfig};
 use tactile_filter::likelihood::TouchLikelihood;
 
-/// Parts of the paper's boards, and length of an embedding.
+/// Parts of the paper's boards.
 pub const N_PARTS: usize = 12;
-pub const DIM: usize = 128;
 
 /// One pose at thirteen angles, the first and the last the same.
 const RING: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 180.0, theta_step_deg: 30.0 };

@@ -8,9 +8,10 @@ use tactile_filter::belief::EngineConfig;
 use tactile_infer::embedding::precision::Precision;
 
 use super::case::{Case, Group};
-use super::cases::{DIM, N_PARTS, OF_COSINES, compared, names_truth, of_one_touch, spread};
+use super::cases::{N_PARTS, OF_COSINES, compared, names_truth, of_one_touch, spread};
 use super::reference::OF_COSINE;
 use super::sample::Sample;
+use super::scene::DIM;
 use crate::Result;
 
 /// How far the rounding of a row to f16 moves a cosine of unit vectors at most: 2^-11 of each value, sums of whose
