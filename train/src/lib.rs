@@ -55,6 +55,7 @@ mod look_alikes;
 pub mod maps;
 pub mod mating;
 mod moco;
+mod other_light;
 pub mod output_folder;
 pub mod pairs;
 mod relighting;

@@ -1,6 +1,7 @@
 //! Trains the network that draws a touch's map: from the touch's picture, as the encoder sees it, to what the simulator knows is
 //! in view ([`tactile_data::sensor::touch_map`]).
 
+use std::sync::OnceLock;
 use std::sync::mpsc::{SyncSender, sync_channel};
 
 use burn::module::Module;
@@ -10,18 +11,19 @@ use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 use serde::Serialize;
 use tactile_data::dataset::store::Dataset;
-use tactile_data::dataset::touch::OUTLINE_REACH_MM;
+use tactile_data::dataset::touch::{OUTLINE_REACH_MM, Side};
 use tactile_data::frame::{Background, Preprocessing};
 use tactile_data::pose::se2::Se2;
 use tactile_data::scene::Scene;
 use tactile_data::sensor::simulator::Simulator;
-use tactile_data::sensor::touch_map::TouchMaps;
+use tactile_data::sensor::touch_map::{TouchMap, TouchMaps};
 use tactile_infer::embedding::network::tensors_of;
 use tactile_infer::maps::network::MapNetwork;
 use tactile_infer::maps::{Drawn, LOG_ERRORS, MapConfig, MapFile, MapProvenance, N_DRAWN, N_SEEN, side_value};
 use tactile_infer::{Checkpoint, DeviceKind};
 
 use crate::error::{Error, Result};
+use crate::other_light::OtherLight;
 use crate::output_folder::{MAPS, OutputFolder};
 use crate::training::{Trained, Training, Watch, surprise};
 
@@ -51,7 +53,17 @@ struct Touches<'a> {
     maps: TouchMaps<'a>,
     /// The part of each frame, in the simulator.
     parts: Vec<usize>,
-    size_px: [usize; 2],
+    /// What a frame shows and is to show, once it was asked for: 24 kB each at 40 x 30 pixels.
+    known: Vec<OnceLock<Touch>>,
+    preprocessing: Preprocessing,
+}
+
+/// One touch, as it was made.
+struct Touch {
+    side: Side,
+    /// `[3, height, width]`, normalised.
+    planes: Vec<f32>,
+    map: TouchMap,
 }
 
 /// Pictures and what is to be drawn of them.
@@ -64,12 +76,7 @@ struct MapBatch {
 }
 
 impl<'a> Touches<'a> {
-    fn new(
-        dataset: &'a Dataset,
-        simulator: &'a Simulator,
-        background: Background,
-        size_px: [usize; 2],
-    ) -> Result<Self> {
+    fn new(dataset: &'a Dataset, simulator: &'a Simulator, preprocessing: Preprocessing) -> Result<Self> {
         let part = |frame: usize| {
             let touch = dataset.touch(frame);
             let part = touch.part.as_ref().and_then(|part| simulator.parts().iter().position(|name| name == part));
@@ -79,7 +86,9 @@ impl<'a> Touches<'a> {
             })
         };
         let parts = (0..dataset.len()).map(part).collect::<Result<_>>()?;
-        Ok(Self { dataset, background, maps: TouchMaps::new(simulator), parts, size_px })
+        let known = (0..dataset.len()).map(|_| OnceLock::new()).collect();
+        let background = dataset.background(&preprocessing)?;
+        Ok(Self { dataset, background, maps: TouchMaps::new(simulator), parts, known, preprocessing })
     }
 
     /// The frames of boards that are trained on, and some of those that are held out.
@@ -100,30 +109,49 @@ impl<'a> Touches<'a> {
         for step in 0..training.n_steps {
             let mut rng = ChaCha8Rng::seed_from_u64(training.seed);
             rng.set_stream(step as u64 + 1);
-            let drawn: Vec<usize> = (0..training.batch).map(|_| frames[rng.random_range(0..frames.len())]).collect();
+            let mut one = || {
+                let frame = frames[rng.random_range(0..frames.len())];
+                (frame, Some(OtherLight::draw(&mut rng, &self.preprocessing)))
+            };
+            let drawn: Vec<_> = (0..training.batch).map(|_| one()).collect();
             if batches.send(self.batch(&drawn)).is_err() {
                 return;
             }
         }
     }
 
-    /// Some frames.
-    fn batch(&self, frames: &[usize]) -> Result<MapBatch> {
-        let one = |frame: &usize| -> Result<(Vec<f32>, Vec<f32>)> {
-            let touch = self.dataset.touch(*frame);
-            // Looked at when the touches were read.
-            let (side, pose) = (touch.side.unwrap_or_default(), touch.part_from_sensor.unwrap_or(Se2::IDENTITY));
-            let image = self.background.tactile_image(&self.dataset.frame(*frame))?;
-            let map = self.maps.of(self.parts[*frame], side, &pose, self.size_px)?;
+    /// Some frames, each under another light where there is one.
+    fn batch(&self, frames: &[(usize, Option<OtherLight>)]) -> Result<MapBatch> {
+        let [width, height] = self.preprocessing.input_px;
+        let one = |(frame, light): &(usize, Option<OtherLight>)| -> Result<(Vec<f32>, Vec<f32>)> {
+            let Touch { side, planes, map } = self.touch(*frame)?;
             let places = map.distance_mm.iter().zip(&map.contact);
-            let target = places.flat_map(|(mm, contact)| [*mm, if *mm < 0.0 { 1.0 } else { 0.0 }, *contact]).collect();
-            let mut seen = image.planes;
-            seen.resize(N_SEEN * self.size_px[0] * self.size_px[1], side_value(side));
-            Ok((seen, target))
+            let mut targets: Vec<[f32; 3]> =
+                places.map(|(mm, contact)| [*mm, if *mm < 0.0 { 1.0 } else { 0.0 }, *contact]).collect();
+            let mut seen = planes.clone();
+            if let Some(light) = light {
+                light.apply(&mut seen, &self.preprocessing);
+                light.mirror(&mut targets, width);
+            }
+            seen.resize(N_SEEN * width * height, side_value(*side));
+            Ok((seen, targets.concat()))
         };
         let made = frames.par_iter().map(one).collect::<Result<Vec<_>>>()?;
         let (images, targets): (Vec<_>, Vec<_>) = made.into_iter().unzip();
         Ok(MapBatch { n: frames.len(), images: images.concat(), targets: targets.concat() })
+    }
+
+    /// A frame's touch: drawing it takes five times as long as a step of training with it.
+    fn touch(&self, frame: usize) -> Result<&Touch> {
+        if let Some(touch) = self.known[frame].get() {
+            return Ok(touch);
+        }
+        let touch = self.dataset.touch(frame);
+        // Looked at when the touches were read.
+        let (side, pose) = (touch.side.unwrap_or_default(), touch.part_from_sensor.unwrap_or(Se2::IDENTITY));
+        let planes = self.background.tactile_image(&self.dataset.frame(frame))?.planes;
+        let map = self.maps.of(self.parts[frame], side, &pose, self.preprocessing.input_px)?;
+        Ok(self.known[frame].get_or_init(|| Touch { side, planes, map }))
     }
 }
 
@@ -191,14 +219,14 @@ pub fn train_maps(
     let size_px = training.network.input_px;
     let mut preprocessing = model.preprocessing.clone();
     preprocessing.input_px = size_px;
-    let touches = Touches::new(dataset, &simulator, dataset.background(&preprocessing)?, size_px)?;
+    let touches = Touches::new(dataset, &simulator, preprocessing)?;
     let [trained, judged] = touches.split()?;
     let device = device.open()?.autodiff();
     let network = training.network.init(training.seed, &device);
     std::thread::scope(|scope| {
         let (sender, batches) = sync_channel::<Result<MapBatch>>(2);
         let (touches, trained) = (&touches, &trained);
-        let results = Results { run, touches, judged, preprocessing, device: device.clone().inner() };
+        let results = Results { run, touches, judged, device: device.clone().inner() };
         scope.spawn(move || touches.draw(training, trained, &sender));
         let cost = |network: &MapNetwork, _: usize| -> Result<Option<Tensor<1>>> {
             let Ok(batch) = batches.recv() else { return Ok(None) };
@@ -219,7 +247,6 @@ struct Results<'a> {
     touches: &'a Touches<'a>,
     /// Frames of held-out boards.
     judged: Vec<usize>,
-    preprocessing: Preprocessing,
     device: Device,
 }
 
@@ -231,7 +258,7 @@ impl Results<'_> {
         let MapTraining { network: config, batch, seed, .. } = *self.run.training;
         let (dataset, distance_mm) = (self.run.dataset.meta().name.clone(), judgement.distance_mm);
         let provenance = MapProvenance { steps, batch, seed, dataset, distance_mm };
-        let preprocessing = self.preprocessing.clone();
+        let preprocessing = self.touches.preprocessing.clone();
         let file = MapFile {
             config,
             preprocessing,
@@ -249,8 +276,9 @@ fn judge(network: &MapNetwork, touches: &Touches<'_>, frames: &[usize], device: 
     let mut sums = MapJudgement::default();
     let (mut n_near, mut n_places) = (0.0, 0.0);
     for frames in frames.chunks(64) {
-        let batch = touches.batch(frames)?;
-        let (images, targets) = batch.tensors(touches.size_px, device);
+        let as_made: Vec<_> = frames.iter().map(|frame| (*frame, None)).collect();
+        let batch = touches.batch(&as_made)?;
+        let (images, targets) = batch.tensors(touches.preprocessing.input_px, device);
         let maps = network.forward(images);
         let nats = f64::from(loss(maps.clone(), targets).into_scalar::<f32>());
         // f32 by construction.
