@@ -14,7 +14,7 @@ pub(crate) mod sheet;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, FrameFault, Result};
-use crate::light::lamps::Lamps;
+use crate::light::lamps::{Lamps, recolour};
 
 /// One RGB frame of a tactile camera, 8 bits a channel, rows from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -244,16 +244,6 @@ impl Background {
             plane.iter_mut().for_each(|p| *p = (*p - mean) / std);
         }
         Ok(TactileImage { size_px: [width, height], planes, edge_share })
-    }
-}
-
-/// Changes the colours of `[3, height, width]` values pixel by pixel.
-fn recolour(colours: &[[[f32; 3]; 3]], planes: &mut [f32]) {
-    let (red, rest) = planes.split_at_mut(colours.len());
-    let (green, blue) = rest.split_at_mut(colours.len());
-    for (((r, g), b), matrix) in red.iter_mut().zip(green).zip(blue).zip(colours) {
-        let new = matrix.map(|[from_r, from_g, from_b]| from_r * *r + from_g * *g + from_b * *b);
-        [*r, *g, *b] = new;
     }
 }
 

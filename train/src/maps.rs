@@ -1,7 +1,6 @@
 //! Trains the network that draws a touch's map: from the touch's picture, as the encoder sees it, to what the simulator knows is
 //! in view ([`tactile_data::sensor::touch_map`]).
 
-use std::sync::OnceLock;
 use std::sync::mpsc::{SyncSender, sync_channel};
 
 use burn::module::Module;
@@ -11,12 +10,12 @@ use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 use serde::Serialize;
 use tactile_data::dataset::store::Dataset;
-use tactile_data::dataset::touch::{OUTLINE_REACH_MM, Side};
+use tactile_data::dataset::touch::OUTLINE_REACH_MM;
 use tactile_data::frame::{Background, Preprocessing};
 use tactile_data::pose::se2::Se2;
 use tactile_data::scene::Scene;
 use tactile_data::sensor::simulator::Simulator;
-use tactile_data::sensor::touch_map::{TouchMap, TouchMaps};
+use tactile_data::sensor::touch_map::TouchMaps;
 use tactile_infer::embedding::network::tensors_of;
 use tactile_infer::maps::network::MapNetwork;
 use tactile_infer::maps::{Drawn, LOG_ERRORS, MapConfig, MapFile, MapProvenance, N_DRAWN, N_SEEN, side_value};
@@ -53,17 +52,7 @@ struct Touches<'a> {
     maps: TouchMaps<'a>,
     /// The part of each frame, in the simulator.
     parts: Vec<usize>,
-    /// What a frame shows and is to show, once it was asked for: 24 kB each at 40 x 30 pixels.
-    known: Vec<OnceLock<Touch>>,
     preprocessing: Preprocessing,
-}
-
-/// One touch, as it was made.
-struct Touch {
-    side: Side,
-    /// `[3, height, width]`, normalised.
-    planes: Vec<f32>,
-    map: TouchMap,
 }
 
 /// Pictures and what is to be drawn of them.
@@ -86,9 +75,8 @@ impl<'a> Touches<'a> {
             })
         };
         let parts = (0..dataset.len()).map(part).collect::<Result<_>>()?;
-        let known = (0..dataset.len()).map(|_| OnceLock::new()).collect();
         let background = dataset.background(&preprocessing)?;
-        Ok(Self { dataset, background, maps: TouchMaps::new(simulator), parts, known, preprocessing })
+        Ok(Self { dataset, background, maps: TouchMaps::new(simulator), parts, preprocessing })
     }
 
     /// The frames of boards that are trained on, and some of those that are held out.
@@ -124,34 +112,24 @@ impl<'a> Touches<'a> {
     fn batch(&self, frames: &[(usize, Option<OtherLight>)]) -> Result<MapBatch> {
         let [width, height] = self.preprocessing.input_px;
         let one = |(frame, light): &(usize, Option<OtherLight>)| -> Result<(Vec<f32>, Vec<f32>)> {
-            let Touch { side, planes, map } = self.touch(*frame)?;
+            let touch = self.dataset.touch(*frame);
+            // Looked at when the touches were read.
+            let (side, pose) = (touch.side.unwrap_or_default(), touch.part_from_sensor.unwrap_or(Se2::IDENTITY));
+            let mut seen = self.background.tactile_image(&self.dataset.frame(*frame))?.planes;
+            let map = self.maps.of(self.parts[*frame], side, &pose, self.preprocessing.input_px)?;
             let places = map.distance_mm.iter().zip(&map.contact);
             let mut targets: Vec<[f32; 3]> =
                 places.map(|(mm, contact)| [*mm, if *mm < 0.0 { 1.0 } else { 0.0 }, *contact]).collect();
-            let mut seen = planes.clone();
             if let Some(light) = light {
                 light.apply(&mut seen, &self.preprocessing);
                 light.mirror(&mut targets, width);
             }
-            seen.resize(N_SEEN * width * height, side_value(*side));
+            seen.resize(N_SEEN * width * height, side_value(side));
             Ok((seen, targets.concat()))
         };
         let made = frames.par_iter().map(one).collect::<Result<Vec<_>>>()?;
         let (images, targets): (Vec<_>, Vec<_>) = made.into_iter().unzip();
         Ok(MapBatch { n: frames.len(), images: images.concat(), targets: targets.concat() })
-    }
-
-    /// A frame's touch: drawing it takes five times as long as a step of training with it.
-    fn touch(&self, frame: usize) -> Result<&Touch> {
-        if let Some(touch) = self.known[frame].get() {
-            return Ok(touch);
-        }
-        let touch = self.dataset.touch(frame);
-        // Looked at when the touches were read.
-        let (side, pose) = (touch.side.unwrap_or_default(), touch.part_from_sensor.unwrap_or(Se2::IDENTITY));
-        let planes = self.background.tactile_image(&self.dataset.frame(frame))?.planes;
-        let map = self.maps.of(self.parts[frame], side, &pose, self.preprocessing.input_px)?;
-        Ok(self.known[frame].get_or_init(|| Touch { side, planes, map }))
     }
 }
 

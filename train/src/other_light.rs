@@ -7,7 +7,7 @@
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use tactile_data::frame::Preprocessing;
-use tactile_data::light::lamps::{Lamps, Quadratic};
+use tactile_data::light::lamps::{Lamps, Quadratic, recolour};
 
 use crate::smooth_field::{self, Field};
 
@@ -43,7 +43,7 @@ impl OtherLight {
         let turn_deg = [0, 1, 2].map(|_| between(TURN_DEG));
         let uneven = [0, 1, 2].map(|_| [0, 1].map(|_| between(UNEVEN) as f32));
         let lamps = fading(Lamps::default().varied(strength, turn_deg), uneven);
-        let colours = mirrored_lamps(&Lamps::default(), mirrored).change_to(&lamps, preprocessing.input_px);
+        let colours = Lamps::default().mirrored(mirrored).change_to(&lamps, preprocessing.input_px);
         Self { mirrored, colours, field: smooth_field::draw(rng, FIELD_COUNTS, preprocessing) }
     }
 
@@ -64,12 +64,12 @@ impl OtherLight {
         let Preprocessing { input_px: [width, height], mean, std, .. } = *preprocessing;
         let n = width * height;
         planes.chunks_exact_mut(n).for_each(|plane| self.mirror(plane, width));
-        for (pixel, colours) in self.colours.iter().enumerate() {
-            let counts = [0, 1, 2].map(|c| planes[c * n + pixel] * std[c] + mean[c]);
-            for (c, row) in colours.iter().enumerate() {
-                let lit: f32 = row.iter().zip(counts).map(|(share, counts)| share * counts).sum();
-                planes[c * n + pixel] = (lit - mean[c]) / std[c];
-            }
+        for (c, plane) in planes.chunks_exact_mut(n).enumerate() {
+            plane.iter_mut().for_each(|value| *value = *value * std[c] + mean[c]);
+        }
+        recolour(&self.colours, planes);
+        for (c, plane) in planes.chunks_exact_mut(n).enumerate() {
+            plane.iter_mut().for_each(|value| *value = (*value - mean[c]) / std[c]);
         }
         smooth_field::add(&self.field, planes, [width, height]);
     }
@@ -79,24 +79,11 @@ impl OtherLight {
 fn fading(lamps: Lamps, uneven: [[f32; 2]; 3]) -> Lamps {
     let part = |part: [Quadratic; 3]| {
         [0, 1, 2].map(|c| {
-            let ([one, x, y, rest @ ..], [along_x, along_y]) = (part[c], uneven[c]);
-            let [xx, xy, yy] = rest;
+            let ([one, x, y, xx, xy, yy], [along_x, along_y]) = (part[c], uneven[c]);
             [one, x + along_x * one, y + along_y * one, xx, xy, yy]
         })
     };
     Lamps { along_x: part(lamps.along_x), along_y: part(lamps.along_y) }
-}
-
-/// The lamps under which a mirrored picture is, as a mirror shows them.
-fn mirrored_lamps(lamps: &Lamps, [x, y]: [bool; 2]) -> Lamps {
-    let sign = |is: bool| if is { -1.0 } else { 1.0 };
-    let part = |part: &[Quadratic; 3], axis: f32| {
-        part.map(|[one, along_x, along_y, xx, xy, yy]| {
-            let (sx, sy) = (sign(x), sign(y));
-            [one, sx * along_x, sy * along_y, xx, sx * sy * xy, yy].map(|factor| axis * factor)
-        })
-    };
-    Lamps { along_x: part(&lamps.along_x, sign(x)), along_y: part(&lamps.along_y, sign(y)) }
 }
 
 #[cfg(test)]
@@ -135,7 +122,7 @@ mod tests {
             let (strength, turn_deg) = ([1.3, 0.8, 1.1], [12.0, -9.0, 4.0]);
             let uneven = [[0.2, -0.1], [0.0, 0.3], [-0.3, 0.1]];
             let lamps = fading(Lamps::default().varied(strength, turn_deg), uneven);
-            let colours = mirrored_lamps(&Lamps::default(), mirrored).change_to(&lamps, SIZE);
+            let colours = Lamps::default().mirrored(mirrored).change_to(&lamps, SIZE);
             let light = OtherLight { mirrored, colours, field: [[0.0; 5]; 3] };
             let normal = |planes: &[f32]| -> Vec<f32> {
                 planes

@@ -87,6 +87,15 @@ impl Lamps {
         Self { along_x, along_y }
     }
 
+    /// The lamps under which a mirrored picture is, left and right or top and bottom exchanged.
+    pub fn mirrored(&self, mirrored: [bool; 2]) -> Self {
+        let sign = mirrored.map(|is| if is { -1.0 } else { 1.0 });
+        let part = |part: &[Quadratic; 3], axis: usize| {
+            part.each_ref().map(|factor| on_view(factor, [0.0; 2], sign).map(|value| sign[axis] as f32 * value))
+        };
+        Self { along_x: part(&self.along_x, 0), along_y: part(&self.along_y, 1) }
+    }
+
     /// Refuses lamps that no sensor has, and lamps in one line: they do not show the slope across it.
     pub fn validate(&self) -> Result<()> {
         for (field, factors) in [("along_x", &self.along_x), ("along_y", &self.along_y)] {
@@ -133,6 +142,16 @@ impl Lamps {
             })
         };
         (0..width * height).map(pixel).collect()
+    }
+}
+
+/// Changes the colours of `[3, height, width]` values pixel by pixel, as [`Lamps::change_to`] has them.
+pub fn recolour(colours: &[[[f32; 3]; 3]], planes: &mut [f32]) {
+    let (red, rest) = planes.split_at_mut(colours.len());
+    let (green, blue) = rest.split_at_mut(colours.len());
+    for (((r, g), b), matrix) in red.iter_mut().zip(green).zip(blue).zip(colours) {
+        let new = matrix.map(|[from_r, from_g, from_b]| from_r * *r + from_g * *g + from_b * *b);
+        [*r, *g, *b] = new;
     }
 }
 
