@@ -6,7 +6,6 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use tactile_data::dataset::touch::{OUTLINE_REACH_MM, Side};
 use tactile_data::pose::se2::Se2;
-use tactile_infer::maps::coverage::outline;
 use tactile_infer::maps::mosaic::{Mosaic, Mosaics, Place};
 
 use crate::error::Result;
@@ -156,11 +155,11 @@ pub fn with_look_alikes(mosaics: &Mosaics, rng: &mut ChaCha8Rng) -> Result<Mosai
     let mut changes = Vec::with_capacity(n_parts * N_LOOK_ALIKES);
     for part in 0..n_parts {
         let mosaic = mosaics.of(part, Side::Peg);
-        let (half_mm, rim) = (half_mm(&mosaic), outline(&mosaic).collect::<Vec<_>>());
+        let (half_mm, rim) = (half_mm(&mosaic), mosaic.outline_mm());
         changes.extend((0..N_WHOLE).map(|_| (part, Change::Whole(Stretch::drawn(half_mm, rng)))));
         // A part without an outline has no piece more or less.
         let same = Stretch { along: 1.0, across: 1.0, direction_rad: 0.0, grown_mm: 0.0 };
-        let piece = |_| (part, Piece::drawn(&rim, rng).map_or(Change::Whole(same), Change::Piece));
+        let piece = |_| (part, Piece::drawn(rim, rng).map_or(Change::Whole(same), Change::Piece));
         changes.extend((0..N_BY_A_PIECE).map(piece));
     }
     let n_of_side = n_parts * n * n * n_values;

@@ -140,13 +140,12 @@ fn rich(default: &Setup) -> Vec<Setup> {
 }
 
 fn particles(n_particles: usize) -> EngineConfig {
-    EngineConfig::Particle(ParticleConfig { n_particles, adaptive: false, ..ParticleConfig::default() })
+    EngineConfig::Particle(ParticleConfig { n_particles, ..ParticleConfig::default() })
 }
 
 /// The default with particles, and lean where it costs little of what a fine bank knows.
 fn engines(default: &Setup) -> Vec<Setup> {
-    let all = [particles(100), particles(1_000), particles(10_000), EngineConfig::Particle(ParticleConfig::default())];
-    let all = all.map(|engine| Setup { engine, ..default.clone() });
+    let all = [100, 1_000, 10_000].map(|n| Setup { engine: particles(n), ..default.clone() });
     let lean = |effort| Setup { rows: Precision::I8, subdivisions: 1, ..with_effort(default, effort) };
     all.into_iter().chain([EFFORTS[1], EFFORTS[2], EFFORTS[4]].map(lean)).collect()
 }

@@ -49,7 +49,7 @@ pub(crate) enum Engine {
     Particles(Particles),
 }
 
-/// Particles, and log p(touch | state) of each touch, to score states that particles move to.
+/// Particles, and log p(touch | state) of each touch, to score the states that they hold.
 #[derive(Clone, Debug)]
 pub(crate) struct Particles {
     particle: Particle,
@@ -90,7 +90,7 @@ impl Engine {
             }
             Self::Particles(particles) => {
                 let log_states = touches.last().map_or_else(Vec::new, |touch| log_states(grids, touch));
-                particles.weigh(grids[1], log_states)
+                particles.weigh(log_states)
             }
         }
     }
@@ -108,19 +108,9 @@ impl Engine {
 }
 
 impl Particles {
-    fn weigh(&mut self, states: &PoseGrid, log_states: Vec<f64>) -> f64 {
-        let Self { particle, log_likelihoods } = self;
-        let log_evidence = particle.update(|state| log_states[state]);
-        log_likelihoods.push(log_states);
-        let n_cells = states.len();
-        particle.rejuvenate(
-            |state, direction| {
-                let cell = neighbour(states, state % n_cells, direction)?;
-                Some(state - state % n_cells + cell)
-            },
-            |state| log_score(log_likelihoods, state),
-            |state| log_score(&log_likelihoods[1..], state),
-        );
+    fn weigh(&mut self, log_states: Vec<f64>) -> f64 {
+        let log_evidence = self.particle.update(|state| log_states[state]);
+        self.log_likelihoods.push(log_states);
         log_evidence
     }
 
@@ -152,43 +142,9 @@ fn log_score(log_likelihoods: &[Vec<f64>], state: usize) -> f64 {
     log_likelihoods.iter().map(|log_states| log_states[state]).sum()
 }
 
-/// The cell one step along x (directions 0, 1), y (2, 3) or theta (4, 5), round the circle where the angles go round;
-/// `None` off the grid.
-fn neighbour(grid: &PoseGrid, cell: usize, direction: usize) -> Option<usize> {
-    let (n_xy, axis) = (grid.n_xy(), direction / 2);
-    let (stride, length) = (grid.strides()[axis], [n_xy, n_xy, grid.n_theta()][axis]);
-    let index = cell / stride % length;
-    if axis == 2 && grid.goes_round() {
-        let step = if direction.is_multiple_of(2) { length - 1 } else { 1 };
-        return Some(cell - index + (index + step) % length);
-    }
-    if direction.is_multiple_of(2) {
-        (index > 0).then(|| cell - stride)
-    } else {
-        (index + 1 < length).then(|| cell + stride)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tactile_data::pose::se2::wrap_angle;
-
-    /// 3 x 3 x 3 = 27 poses.
-    const GRID: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
-
-    #[test]
-    fn neighbours_are_one_step_away_and_back() {
-        for cell in 0..GRID.len() {
-            for direction in 0..6 {
-                let Some(next) = neighbour(&GRID, cell, direction) else { continue };
-                let (a, b) = (GRID.pose(cell), GRID.pose(next));
-                let turned = wrap_angle(a.theta_rad - b.theta_rad).to_degrees().abs();
-                assert!((a.distance_mm(&b) / 4.0 + turned / 30.0 - 1.0).abs() < 1e-9);
-                assert_eq!(neighbour(&GRID, next, direction ^ 1), Some(cell));
-            }
-        }
-    }
 
     #[test]
     fn particles_say_of_states_what_their_weights_sum_to() {

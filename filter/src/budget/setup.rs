@@ -135,7 +135,6 @@ impl Setup {
             Knob::Rows => format!("{} rows", self.rows),
             Knob::Engine => match self.engine {
                 EngineConfig::Exact => "exact".into(),
-                EngineConfig::Particle(config) if config.adaptive => format!("up to {} particles", config.n_particles),
                 EngineConfig::Particle(config) => format!("{} particles", config.n_particles),
             },
             Knob::Subdivisions if self.subdivisions == 1 => "1 state a step".into(),

@@ -89,14 +89,8 @@ fn bank() -> impl Strategy<Value = Arc<Bank>> {
 }
 
 fn config() -> impl Strategy<Value = EpisodeConfig> {
-    let particle = (1..=300_usize, 0.0..=1.0_f64, any::<bool>(), 0..=4_usize).prop_map(
-        |(n_particles, resample_share, adaptive, n_moves)| ParticleConfig {
-            n_particles,
-            resample_share,
-            adaptive,
-            n_moves,
-        },
-    );
+    let particle = (1..=300_usize, 0.0..=1.0_f64)
+        .prop_map(|(n_particles, resample_share)| ParticleConfig { n_particles, resample_share });
     let engine = prop_oneof![Just(EngineConfig::Exact), particle.prop_map(EngineConfig::Particle)];
     let rules = vec![ActionRule::Paper, ActionRule::Information, ActionRule::Random, ActionRule::RandomEdge];
     let rule = prop::sample::select(rules);

@@ -5,7 +5,7 @@
 
 use tactile_data::pose::se2::Se2;
 use tactile_infer::maps::align::Drawing;
-use tactile_infer::maps::coverage::{View, outline, views};
+use tactile_infer::maps::coverage::{View, views};
 
 use crate::decision::verdict::Asked;
 
@@ -57,7 +57,7 @@ impl Asked<'_> {
         let (view_mm, views) = (drawings.last()?.map.view_mm, views(&drawings, &Se2::IDENTITY));
         let first_from_part = named.placed.part_from_first.inverse();
         let mosaic = bank.mosaics()?.of(named.part, self.side());
-        let places = outline(&mosaic).map(|place| first_from_part.apply(place));
+        let places = mosaic.outline_mm().iter().map(|place| first_from_part.apply(*place));
         let places: Vec<[f64; 2]> = places.filter(|place| !views.iter().any(|view| view.shows(*place))).collect();
         let places_mm: Vec<[f64; 2]> =
             places.iter().step_by(places.len().div_ceil(MOST_PLACES).max(1)).copied().collect();

@@ -53,8 +53,7 @@ pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
         let n_particles = 10_usize.pow(decades);
         // Few particles need many runs for their error to be known; of many, it is small anyway.
         let n_runs = [1_000, 1_000, 100, 8, 8, 2, 2][decades as usize];
-        let engine =
-            EngineConfig::Particle(ParticleConfig { n_particles, adaptive: false, ..ParticleConfig::default() });
+        let engine = EngineConfig::Particle(ParticleConfig { n_particles, ..ParticleConfig::default() });
         let mut squares = [0.0; N_PARTS];
         let mut right = 0;
         for run in 0..n_runs {

@@ -3,7 +3,7 @@
 use tactile_data::pose::se2::Se2;
 
 use super::align::Drawing;
-use super::mosaic::{CELL_MM, Mosaic, Place};
+use super::mosaic::{CELL_MM, Mosaic};
 
 /// What is as near as this to the edge of a touch's view counts as not in view, mm: a piece that begins there shows too little to differ
 /// from a part that ends there.
@@ -35,24 +35,12 @@ pub fn views(touches: &[Drawing<'_>], frame_from_first: &Se2) -> Vec<View> {
     touches.iter().map(view).collect()
 }
 
-/// Places of a part's outline, mm, each of which counts for [`CELL_MM`] of it: cells within half a cell of the outline make a strip that is
-/// a cell wide.
-pub fn outline(mosaic: &Mosaic<'_>) -> impl Iterator<Item = [f64; 2]> {
-    let cells = (0..mosaic.n() * mosaic.n()).map(|at| mosaic.cell(at % mosaic.n(), at / mosaic.n()));
-    let is_on_it = |(_, here): &(_, Place)| here.n_seen > 0.0 && f64::from(here.distance_mm).abs() <= 0.5 * CELL_MM;
-    cells.filter(is_on_it).map(|(place_mm, _)| place_mm)
-}
-
 /// The length of the outline on a mosaic, mm: in all, and of that what is in view of touches. `part_from_first`: where the first touch
 /// was made.
 pub fn outline_mm(mosaic: &Mosaic<'_>, touches: &[Drawing<'_>], part_from_first: &Se2) -> [f64; 2] {
-    let views = views(touches, part_from_first);
-    let [mut all, mut felt] = [0_u32; 2];
-    for place_mm in outline(mosaic) {
-        all += 1;
-        felt += u32::from(views.iter().any(|view| view.shows(place_mm)));
-    }
-    [all, felt].map(|n| f64::from(n) * CELL_MM)
+    let (views, outline_mm) = (views(touches, part_from_first), mosaic.outline_mm());
+    let is_felt = |place_mm: &&[f64; 2]| views.iter().any(|view| view.shows(**place_mm));
+    [outline_mm.len(), outline_mm.iter().filter(is_felt).count()].map(|n| n as f64 * CELL_MM)
 }
 
 #[cfg(test)]

@@ -83,6 +83,8 @@ pub struct Mosaics {
     /// `[n_sides, n_parts, n, n, N_VALUES]`: pegs first; rows from the top, distance, inside, contact, error and how often a cell was
     /// seen.
     values: Vec<f32>,
+    /// `[n_sides, n_parts]`: [`Mosaic::outline_mm`].
+    outlines_mm: Vec<Vec<[f64; 2]>>,
 }
 
 /// The mosaic of one part.
@@ -93,6 +95,7 @@ pub struct Mosaic<'a> {
     n: usize,
     /// `[n, n, N_VALUES]`.
     values: &'a [f32],
+    outline_mm: &'a [[f64; 2]],
 }
 
 /// Lays the maps of a part's touches over each other.
@@ -241,7 +244,10 @@ impl Mosaics {
                 let got = format!("{:?}", &values[at * N_VALUES..][..N_VALUES]);
                 Err(Error::invalid(what, "a distance, two shares, an error and a number of touches", got))
             }
-            None => Ok(Self { n_sides, n, values }),
+            None => {
+                let outlines_mm = values.chunks_exact(n * n * N_VALUES).map(|part| outline_mm(part, n)).collect();
+                Ok(Self { n_sides, n, values, outlines_mm })
+            }
         }
     }
 
@@ -278,25 +284,40 @@ impl Mosaics {
     /// The mosaic of a part by touches of one side, or of its peg where those are not known; `part` is below [`Self::n_parts`].
     pub fn of(&self, part: usize, side: Side) -> Mosaic<'_> {
         let at = usize::from(self.side_for(side) == Side::Hole);
-        let n_of_part = self.n * self.n * N_VALUES;
-        let first = (at * self.n_parts() + part) * n_of_part;
-        Mosaic { side: SIDES[at], n: self.n, values: &self.values[first..first + n_of_part] }
+        let (n_of_part, which) = (self.n * self.n * N_VALUES, at * self.n_parts() + part);
+        let values = &self.values[which * n_of_part..][..n_of_part];
+        Mosaic { side: SIDES[at], n: self.n, values, outline_mm: &self.outlines_mm[which] }
     }
 
     /// The mosaics of some of the parts, in their order.
     pub(crate) fn of_parts(&self, parts: &[usize]) -> Self {
         let mut values = Vec::with_capacity(self.n_sides * parts.len() * self.n * self.n * N_VALUES);
-        for side in self.sides() {
-            parts.iter().for_each(|part| values.extend_from_slice(self.of(*part, *side).values));
+        let mut outlines_mm = Vec::with_capacity(self.n_sides * parts.len());
+        for part in self.sides().iter().flat_map(|side| parts.iter().map(|part| self.of(*part, *side))) {
+            values.extend_from_slice(part.values);
+            outlines_mm.push(part.outline_mm.to_vec());
         }
-        Self { values, ..*self }
+        Self { values, outlines_mm, ..*self }
     }
 }
 
-impl Mosaic<'_> {
+/// The middles of the cells, `[n, n, N_VALUES]`, within half a cell of the outline, mm: each counts for [`CELL_MM`] of its length.
+fn outline_mm(values: &[f32], n: usize) -> Vec<[f64; 2]> {
+    let cells = values.chunks_exact(N_VALUES).map(|values| Place::of(|at| values[at])).enumerate();
+    let is_on_it = |place: &Place| place.n_seen > 0.0 && f64::from(place.distance_mm.abs()) <= 0.5 * CELL_MM;
+    cells.filter(|(_, place)| is_on_it(place)).map(|(at, _)| [at % n, at / n].map(|cell| middle(n, cell))).collect()
+}
+
+impl<'a> Mosaic<'a> {
     /// Whose touches it is of.
     pub fn side(&self) -> Side {
         self.side
+    }
+
+    /// Places of the part's outline, mm about its origin, each of which counts for [`CELL_MM`] of it: cells within half a cell of it
+    /// make a strip that is a cell wide.
+    pub fn outline_mm(&self) -> &'a [[f64; 2]] {
+        self.outline_mm
     }
 
     /// Cells along an axis.
@@ -308,13 +329,6 @@ impl Mosaic<'_> {
     pub fn cell(&self, column: usize, row: usize) -> ([f64; 2], Place) {
         let values = &self.values[(row * self.n + column) * N_VALUES..][..N_VALUES];
         ([column, row].map(|cell| middle(self.n, cell)), Place::of(|at| values[at]))
-    }
-
-    /// The middles of the cells that the part's outline crosses, mm about its origin.
-    pub fn outline_mm(&self) -> Vec<[f64; 2]> {
-        let cells = (0..self.n * self.n).map(|at| self.cell(at % self.n, at / self.n));
-        let crossed = |place: &Place| place.n_seen > 0.0 && f64::from(place.distance_mm.abs()) < 0.5 * CELL_MM;
-        cells.filter(|(_, place)| crossed(place)).map(|(at, _)| at).collect()
     }
 
     /// What is at a place of the part, mm; `None` where no touch showed it.

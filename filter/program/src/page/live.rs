@@ -117,7 +117,7 @@ impl LivePage {
         let view = json!({
             "view": follower.view(),
             "touched": follower.view().touched(),
-            "outline": self.on_likeliest(&follower, |mosaic: &Mosaic<'_>| mosaic.outline_mm()),
+            "outline": self.on_likeliest(&follower, |mosaic: &Mosaic<'_>| mosaic.outline_mm().to_vec()),
             "felt": self.felt(&follower),
             "picture": picture,
             "end_s": end_s,
