@@ -48,6 +48,9 @@ pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
     let first = Sample { touches: sample.touches[..1].to_vec(), ..sample.clone() };
     let first = first.belief(EngineConfig::Exact, seed, &config)?;
     let deviation = deviation_of_one(&masses(&first), &masses(&exact), exact.posterior().by_part());
+    let mut ranked = exact.posterior().by_part().to_vec();
+    ranked.sort_unstable_by(|a, b| b.total_cmp(a));
+    let lead = ranked[0] - ranked[1];
     let mut cases = Vec::new();
     for decades in 0..=if quick { 4 } else { 6 } {
         let n_particles = 10_usize.pow(decades);
@@ -77,7 +80,7 @@ pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
         let case =
             case.by("standard errors of importance sampling (Owen 9.8), or Jensen's and Hoeffding's inequalities");
         // Fewer may miss the part by chance.
-        cases.push(if n_particles >= 1000 { case.right_part(right == n_runs) } else { case });
+        cases.push(if bound < lead { case.right_part(right == n_runs) } else { case });
     }
     Ok(cases)
 }
