@@ -326,7 +326,7 @@ fn maps_are_in_millimetres_under_any_view() {
         let given = ["bank", "--model", &model, "--maps", &maps, "--scene", "bar.toml", "--views", "pegs"];
         run("tactile-infer", at, &[&given[..], &["--learn-from", "nothing", "--out", "bar.bank"]].concat()).done();
         let bank = Bank::load(&at.join("bar.bank"), &Model::load(model.as_ref()).unwrap()).unwrap();
-        let outline = bank.mosaics().unwrap().of(0, Side::Peg).outline_mm().to_vec();
+        let outline = bank.mosaics().unwrap().of(0, Side::Peg).outline_mm();
         // How far each place is from a rectangle of 10 x 6 mm.
         let off = outline.iter().map(|[x, y]| {
             let [x, y] = [x.abs() - 5.0, y.abs() - 3.0];

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::belief::resample::{effective_sample_size, log_normalize, systematic};
 use crate::error::{Error, Result};
 
-/// The most particles: each keeps what every touch says of every state.
+/// The most particles: each of them is weighed, and may be drawn again, at every touch.
 const MOST: usize = 1_000_000;
 
 /// How the particle filter works.

@@ -117,7 +117,7 @@ impl LivePage {
         let view = json!({
             "view": follower.view(),
             "touched": follower.view().touched(),
-            "outline": self.on_likeliest(&follower, |mosaic: &Mosaic<'_>| mosaic.outline_mm().to_vec()),
+            "outline": self.map_of_likeliest(&follower).map(|map| map.outline_mm()),
             "felt": self.felt(&follower),
             "picture": picture,
             "end_s": end_s,
@@ -141,14 +141,14 @@ impl LivePage {
         Some((follower, picture.cloned()))
     }
 
-    /// What something is of the likeliest part; nothing where no map of it is known here.
-    fn on_likeliest<T>(&self, follower: &Follower, of: impl Fn(&Mosaic<'_>) -> T) -> Option<T> {
+    /// The map of the likeliest part; nothing where none is known here.
+    fn map_of_likeliest(&self, follower: &Follower) -> Option<Mosaic<'_>> {
         let (bank, side) = self.parts.get()?;
         let part = bank
             .parts()
             .iter()
             .position(|name| Some(name) == follower.view().place.as_ref().map(|place| &place.part))?;
-        Some(of(&bank.mosaics()?.of(part, *side)))
+        Some(bank.mosaics()?.of(part, *side))
     }
 
     /// What was felt so far as a data URI; nothing where the node draws no maps.
@@ -156,8 +156,7 @@ impl LivePage {
         let part = follower.view().place.as_ref().map(|place| place.part.clone());
         let mut drawn = self.felt.lock().unwrap_or_else(PoisonError::into_inner);
         if (drawn.0.as_slice(), &drawn.1) != (follower.felt(), &part) {
-            let over = |mosaic: &Mosaic<'_>| felt(follower.felt(), Some(mosaic), CELL_PX);
-            let frame = self.on_likeliest(follower, over).unwrap_or_else(|| felt(follower.felt(), None, CELL_PX));
+            let frame = felt(follower.felt(), self.map_of_likeliest(follower).as_ref(), CELL_PX);
             let uri = frame.and_then(|frame| picture::frame(&frame).ok());
             *drawn = (follower.felt().to_vec(), part, uri);
         }
