@@ -190,7 +190,7 @@ impl Episode {
     /// episode of the run ([`EpisodeConfig::sensor`]), as long as gel and camera stay.
     pub fn learn(&self) -> SensorMatch {
         let sensor = self.config.sensor;
-        self.asked().confident().map_or(sensor, |scores| sensor.with(&self.config.model, scores))
+        self.asked().confident().map_or(sensor, |placed| sensor.with_hole(&self.config.model, &placed))
     }
 
     /// What the touches so far show of what they were made on, about the named part's origin; `None` where the model draws no maps.

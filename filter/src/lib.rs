@@ -56,7 +56,7 @@ mod touch_model;
 pub use belief::KnownStart;
 pub use choice::Action;
 pub use config::{EpisodeConfig, Method};
-pub use decision::{Estimate, FeltMap, RunnerUp, SensorMatch, Standing, StopReason, Unfelt, Warning};
+pub use decision::{Estimate, FeltMap, RunnerUp, SensorMatch, Standing, StopReason, Unfelt, VerifierOffset, Warning};
 pub use episode::{Decision, Episode};
 pub use error::{Error, Result};
 pub use number::{Kind, Number, Range};

@@ -10,6 +10,7 @@ mod felt_map;
 mod sensor_match;
 mod unfelt;
 mod verdict;
+mod verifier_offset;
 
 pub(crate) use candidates::Candidates;
 pub use estimate::Estimate;
@@ -19,3 +20,4 @@ pub use sensor_match::SensorMatch;
 pub use unfelt::Unfelt;
 pub(crate) use verdict::{Asked, Placed};
 pub use verdict::{RunnerUp, Standing, StopReason, Warning};
+pub use verifier_offset::VerifierOffset;

@@ -7,6 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::decision::{Placed, VerifierOffset};
 use crate::error::{Error, Result};
 use crate::touch_model::{SHARED_VARIANCE, TouchModel};
 
@@ -17,7 +18,7 @@ const OFFSET_COSINE: f64 = 0.027;
 const SHAPE: f64 = 4.0;
 
 /// A hole tells at most of an offset of so many standard deviations: a wrong name costs little.
-const MOST: f64 = 3.0;
+pub(super) const MOST: f64 = 3.0;
 
 /// What was learnt of a sensor from the confident holes of a run; nothing at first. A new gel or another camera begins anew, with
 /// the default.
@@ -32,6 +33,9 @@ pub struct SensorMatch {
     pub weight: f64,
     /// Half the sum of squares about the offset, in those deviations squared.
     pub squares: f64,
+    /// What a verifier says of its touches, where there is one.
+    #[serde(skip_serializing_if = "VerifierOffset::is_none")]
+    pub verifier: VerifierOffset,
 }
 
 /// The mean of the standard scores of a hole's edged touches, and how many they are.
@@ -58,8 +62,8 @@ impl Prior {
 }
 
 /// Touches of one hole that count as independent ones: they share a part of their variance.
-fn independent(n: usize) -> f64 {
-    (SHARED_VARIANCE + (1.0 - SHARED_VARIANCE) / n as f64).recip()
+pub(super) fn independent(n: f64) -> f64 {
+    (SHARED_VARIANCE + (1.0 - SHARED_VARIANCE) / n).recip()
 }
 
 impl SensorMatch {
@@ -76,13 +80,20 @@ impl SensorMatch {
     fn variance(&self, model: &TouchModel, n: usize) -> f64 {
         let prior = Prior::of(model);
         let of_one = (prior.within * (SHAPE - 1.0) + self.squares) / (SHAPE - 1.0 + 0.5 * f64::from(self.n_holes));
-        of_one * (independent(n).recip() + (prior.weight + self.weight).recip())
+        of_one * (independent(n as f64).recip() + (prior.weight + self.weight).recip())
     }
 
-    /// With what one more confident hole tells.
-    pub(crate) fn with(&self, model: &TouchModel, scores: Scores) -> Self {
+    /// With what one more confident hole tells, where the part that it is was found.
+    pub(crate) fn with_hole(&self, model: &TouchModel, placed: &Placed) -> Self {
+        let Some(scores) = placed.scores else { return *self };
+        let verifier = placed.verified.map_or(self.verifier, |verified| self.verifier.with(&verified));
+        Self { verifier, ..self.with(model, scores) }
+    }
+
+    /// With what the scores of one more confident hole tell.
+    fn with(&self, model: &TouchModel, scores: Scores) -> Self {
         let prior = Prior::of(model);
-        let (weight, known) = (independent(scores.n), prior.weight + self.weight);
+        let (weight, known) = (independent(scores.n as f64), prior.weight + self.weight);
         let most = MOST * self.variance(model, scores.n).sqrt();
         let apart = (scores.mean - self.offset).clamp(-most, most);
         Self {
@@ -90,6 +101,7 @@ impl SensorMatch {
             offset: self.offset + apart * weight / (known + weight),
             weight: self.weight + weight,
             squares: self.squares + 0.5 * apart * apart * weight * known / (known + weight),
+            ..*self
         }
     }
 
@@ -97,6 +109,7 @@ impl SensorMatch {
     pub(crate) fn validate(&self) -> Result<()> {
         let is_told =
             self.offset.abs() < 1e6 && (0.0..1e12).contains(&self.weight) && (0.0..1e12).contains(&self.squares);
+        let is_told = is_told && self.verifier.is_told();
         let is_none = self.n_holes > 0 || *self == Self::default();
         if is_told && is_none {
             return Ok(());
@@ -141,7 +154,7 @@ mod tests {
                 let mut log = -(SHAPE + 1.0) * variance.ln() - prior.within * (SHAPE - 1.0) / variance + variance.ln();
                 let normal = |x: f64, of: f64| -0.5 * (x * x / of + of.ln());
                 log += normal(offset, variance / prior.weight);
-                log += holes.iter().map(|(mean, n)| normal(mean - offset, variance / independent(*n))).sum::<f64>();
+                log += holes.iter().map(|(mean, n)| normal(mean - offset, variance / independent(f64::from(*n)))).sum::<f64>();
                 let density = log.exp();
                 total += density;
                 offsets += density * offset;
@@ -173,6 +186,11 @@ mod tests {
             SensorMatch { offset: f64::NAN, n_holes: 1, ..SensorMatch::default() },
             SensorMatch { squares: -1.0, n_holes: 1, ..SensorMatch::default() },
             SensorMatch { offset: 1.0, ..SensorMatch::default() },
+            SensorMatch {
+                n_holes: 1,
+                verifier: VerifierOffset { nats: -2.0, weight: 0.0 },
+                ..SensorMatch::default()
+            },
         ] {
             let error = sensor.validate().unwrap_err().to_string();
             assert!(error.starts_with("episode.sensor: expected numbers that Episode::learn returned"), "{error}");

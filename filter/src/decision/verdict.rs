@@ -212,10 +212,10 @@ impl<'a> Asked<'a> {
         self.config.stop(&self.standing(probability, presence, || self.covariance(part, &placed)))
     }
 
-    /// How the touches of the part match that is named with confidence; `None` where none is.
-    pub(crate) fn confident(self) -> Option<Scores> {
+    /// Where the part is that is named with confidence, and how its touches match there; `None` where none is.
+    pub(crate) fn confident(self) -> Option<Placed> {
         let verdict = self.verdict();
-        verdict.placed.scores.filter(|_| verdict.stop == Some(StopReason::Confident))
+        (verdict.stop == Some(StopReason::Confident)).then_some(verdict.placed)
     }
 
     /// The second most probable part, as the verdict has it.
@@ -274,7 +274,7 @@ impl<'a> Asked<'a> {
         let judged = self.bank.verifier().zip(self.bank.mosaics());
         let of_verifier = judged.and_then(|(verifier, maps)| verifier.presence(side, maps.side_for(side)));
         let (odds, verified) = match placed.verified.zip(of_verifier) {
-            Some((verified, odds)) => (*odds, Some(verified)),
+            Some((verified, odds)) => (*odds, Some(self.config.sensor.verifier.taken_off(verified))),
             None => (self.model.presence(), None),
         };
         Some(odds.presence(&Felt { fit, n_fitted, verified }, self.bank.parts().len()))
