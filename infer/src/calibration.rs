@@ -27,7 +27,7 @@ pub const BLANK_SHARE: f32 = 0.01;
 
 /// What touches of a side match like, as a model sees them: stored in its checkpoint. What is said of holes here is said of
 /// the touched pegs where it is of [`Side::Peg`](tactile_data::dataset::touch::Side::Peg).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     /// 99 in 100 holes with an edge reach this cosine with some recorded peg.
     pub low_similarity: f32,
@@ -48,9 +48,24 @@ pub struct Calibration {
     pub views: Views,
     /// Holes with an edge that were compared.
     pub n_holes: usize,
+    /// What a verifier says of the sensor's touches; `None` where none judged them, or of several sensors.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verifier: Option<OfVerifier>,
     /// What was known before them, where it counted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prior: Option<Prior>,
+}
+
+/// What a verifier says of a sensor's touches where they were made, more than of simulated ones.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OfVerifier {
+    /// The checksum of the networks that draw the maps and judge.
+    pub maps_sha256: String,
+    /// The mean, nats a touch.
+    pub nats: f64,
+    /// Touches that it is of.
+    pub n_touches: usize,
 }
 
 impl Calibration {
@@ -70,6 +85,8 @@ impl Calibration {
         check("between_sensors", "a finite number, not negative", between, between.is_finite() && between >= 0.0)?;
         let steepness = self.steepness.unwrap_or(1.0);
         check("steepness", "a positive number", steepness, steepness.is_finite() && steepness > 0.0)?;
+        let nats = self.verifier.as_ref().map_or(0.0, |of_verifier| of_verifier.nats);
+        check("verifier.nats", "a finite number", nats, nats.is_finite())?;
         let Some(prior) = self.prior else { return Ok(()) };
         let n = prior.n_touches;
         check("prior.n_touches", "a finite number, not negative", n, n.is_finite() && n >= 0.0)?;
@@ -112,7 +129,7 @@ impl Prior {
     /// What was known, in the place of what a calibration says.
     fn as_calibration(&self, of: &Calibration) -> Calibration {
         let Self { n_touches: _, low_similarity, matched, between_sensors, views } = *self;
-        Calibration { low_similarity, matched, between_sensors, views, prior: None, ..*of }
+        Calibration { low_similarity, matched, between_sensors, views, prior: None, ..of.clone() }
     }
 }
 

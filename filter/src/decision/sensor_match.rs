@@ -83,10 +83,12 @@ impl SensorMatch {
         of_one * (independent(n as f64).recip() + (prior.weight + self.weight).recip())
     }
 
-    /// With what one more confident hole tells, where the part that it is was found.
-    pub(crate) fn with_hole(&self, model: &TouchModel, placed: &Placed) -> Self {
+    /// With what one more confident hole tells, where the part that it is was found. `usual`: what a verifier says of a touch on a part
+    /// that the bank does not know; `None` without one.
+    pub(crate) fn with_hole(&self, model: &TouchModel, placed: &Placed, usual: Option<f64>) -> Self {
         let Some(scores) = placed.scores else { return *self };
-        let verifier = placed.verified.map_or(self.verifier, |verified| self.verifier.with(&verified));
+        let told = placed.verified.zip(usual);
+        let verifier = told.map_or(self.verifier, |(verified, usual)| self.verifier.with(model, &verified, usual));
         Self { verifier, ..self.with(model, scores) }
     }
 
@@ -154,7 +156,10 @@ mod tests {
                 let mut log = -(SHAPE + 1.0) * variance.ln() - prior.within * (SHAPE - 1.0) / variance + variance.ln();
                 let normal = |x: f64, of: f64| -0.5 * (x * x / of + of.ln());
                 log += normal(offset, variance / prior.weight);
-                log += holes.iter().map(|(mean, n)| normal(mean - offset, variance / independent(f64::from(*n)))).sum::<f64>();
+                log += holes
+                    .iter()
+                    .map(|(mean, n)| normal(mean - offset, variance / independent(f64::from(*n))))
+                    .sum::<f64>();
                 let density = log.exp();
                 total += density;
                 offsets += density * offset;
@@ -186,11 +191,7 @@ mod tests {
             SensorMatch { offset: f64::NAN, n_holes: 1, ..SensorMatch::default() },
             SensorMatch { squares: -1.0, n_holes: 1, ..SensorMatch::default() },
             SensorMatch { offset: 1.0, ..SensorMatch::default() },
-            SensorMatch {
-                n_holes: 1,
-                verifier: VerifierOffset { nats: -2.0, weight: 0.0 },
-                ..SensorMatch::default()
-            },
+            SensorMatch { n_holes: 1, verifier: VerifierOffset { nats: -2.0, weight: 0.0 }, ..SensorMatch::default() },
         ] {
             let error = sensor.validate().unwrap_err().to_string();
             assert!(error.starts_with("episode.sensor: expected numbers that Episode::learn returned"), "{error}");

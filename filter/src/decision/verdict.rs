@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::dataset::touch::Side;
 use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
-use tactile_infer::calibration::presence::{Felt, Presence, Verified};
+use tactile_infer::calibration::presence::{Felt, Presence, PresenceOdds, Verified};
 
 use crate::belief::{Belief, Hill, Hypothesis};
 use crate::config::EpisodeConfig;
@@ -267,14 +267,17 @@ impl<'a> Asked<'a> {
         self.belief.covariance(part, &placed.part_from_first, &symmetry, self.config.method.between_poses)
     }
 
+    /// The log-odds that a named part is there by what a verifier says; `None` where none judges.
+    pub(crate) fn odds_by_verifier(self) -> Option<&'a PresenceOdds> {
+        let (verifier, maps) = self.bank.verifier().zip(self.bank.mosaics())?;
+        verifier.presence(self.side(), maps.side_for(self.side()))
+    }
+
     /// Whether the part is there at all; `None` where no edge was felt.
     pub(crate) fn presence(self, placed: &Placed) -> Option<Presence> {
         let (fit, n_fitted) = (placed.fit?, placed.n_fitted());
-        let side = self.side();
-        let judged = self.bank.verifier().zip(self.bank.mosaics());
-        let of_verifier = judged.and_then(|(verifier, maps)| verifier.presence(side, maps.side_for(side)));
-        let (odds, verified) = match placed.verified.zip(of_verifier) {
-            Some((verified, odds)) => (*odds, Some(self.config.sensor.verifier.taken_off(verified))),
+        let (odds, verified) = match placed.verified.zip(self.odds_by_verifier()) {
+            Some((verified, odds)) => (*odds, Some(self.config.sensor.verifier.taken_off(self.model, verified))),
             None => (self.model.presence(), None),
         };
         Some(odds.presence(&Felt { fit, n_fitted, verified }, self.bank.parts().len()))

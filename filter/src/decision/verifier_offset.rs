@@ -8,21 +8,16 @@ use serde::{Deserialize, Serialize};
 use tactile_infer::calibration::presence::Verified;
 
 use crate::decision::sensor_match::{MOST, independent};
+use crate::touch_model::TouchModel;
 
 /// Standard deviation of what is said of one touch about the mean of a sensor, nats: MAZE parts under six drawn sensors.
 const SD: f64 = 2.0;
-
-/// How far that mean may be from what is expected, nats: drawn sensors pressed 2.5 mm deep are so far off, pressed as usual 0.5.
-const REACH: f64 = 4.0;
-
-/// Touches that an offset of zero counts as.
-const PRIOR: f64 = (SD / REACH) * (SD / REACH);
 
 /// What was learnt of a sensor by a verifier; nothing at first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct VerifierOffset {
-    /// What is said of a touch more than expected, nats.
+    /// What is said of a touch more than expected and than [`TouchModel::verifier_offset`], nats.
     pub nats: f64,
     /// Touches that this is known from, counted as independent ones.
     pub weight: f64,
@@ -36,25 +31,28 @@ struct Said {
 }
 
 impl Said {
-    /// `None` where nobody knows what to expect of the part, or no edge was felt.
-    fn of(verified: &Verified) -> Option<Self> {
+    /// `usual`: what to expect of a part that the bank does not know. `None` where no edge was felt.
+    fn of(verified: &Verified, usual: f64) -> Option<Self> {
         let Verified { log_odds, n_new, expected, .. } = *verified;
-        (n_new > 0.0).then_some(Self { mean: log_odds / n_new - expected?.mean, n_new })
+        let expected = expected.map_or(usual, |expected| expected.mean);
+        (n_new > 0.0).then(|| Self { mean: log_odds / n_new - expected, n_new })
     }
 }
 
 impl VerifierOffset {
     /// What is said, without what is this sensor's.
-    pub(crate) fn taken_off(&self, verified: Verified) -> Verified {
-        Verified { log_odds: verified.log_odds - verified.n_new * self.nats, ..verified }
+    pub(crate) fn taken_off(&self, model: &TouchModel, verified: Verified) -> Verified {
+        let nats = model.verifier_offset + self.nats;
+        Verified { log_odds: verified.log_odds - verified.n_new * nats, ..verified }
     }
 
-    /// With what one more confident hole tells, if it tells anything.
-    pub(crate) fn with(&self, verified: &Verified) -> Self {
-        let Some(Said { mean, n_new }) = Said::of(verified) else { return *self };
-        let (weight, known) = (independent(n_new), PRIOR + self.weight);
+    /// With what one more confident hole tells, if it tells anything. `usual`: what is said of a touch on a part that the bank does not
+    /// know.
+    pub(crate) fn with(&self, model: &TouchModel, verified: &Verified, usual: f64) -> Self {
+        let Some(Said { mean, n_new }) = Said::of(verified, usual) else { return *self };
+        let (weight, known) = (independent(n_new), model.verifier_touches + self.weight);
         let most = MOST * SD * (weight.recip() + known.recip()).sqrt();
-        let apart = (mean - self.nats).clamp(-most, most);
+        let apart = (mean - model.verifier_offset - self.nats).clamp(-most, most);
         Self { nats: self.nats + apart * weight / (known + weight), weight: self.weight + weight }
     }
 
@@ -82,7 +80,9 @@ mod tests {
     #[test]
     fn holes_tell_what_the_posterior_on_a_grid_has() {
         let holes = [(-3.0, 2.5), (-4.2, 1.0), (-2.8, 4.0)];
-        let learnt = holes.iter().fold(VerifierOffset::default(), |known, (mean, n)| known.with(&said(*mean, *n)));
+        let learnt = holes.iter().fold(VerifierOffset::default(), |known, (mean, n)| {
+            known.with(&TouchModel::default(), &said(*mean, *n), 3.0)
+        });
         let density = |offset: f64| {
             let of_holes = holes.iter().map(|(mean, n)| {
                 // A tenth of the variance is common to a hole's touches.
@@ -94,17 +94,27 @@ mod tests {
         let grid = (-4_000..4_000).map(|at| 0.005 * f64::from(at));
         let (total, sum) = grid.fold((0.0, 0.0), |(total, sum), x| (total + density(x), sum + x * density(x)));
         assert!((learnt.nats - sum / total).abs() < 1e-6, "{learnt:?} {}", sum / total);
-        let taken = learnt.taken_off(said(-3.0, 2.0));
+        let taken = learnt.taken_off(&TouchModel::default(), said(-3.0, 2.0));
         assert!((taken.log_odds - (4.0 - 2.0 * learnt.nats)).abs() < 1e-12 && taken.n_new == 2.0);
     }
 
     #[test]
-    fn a_wrong_name_moves_little_and_what_nobody_expects_nothing() {
-        let many = (0..20).fold(VerifierOffset::default(), |known, _| known.with(&said(-3.0, 3.0)));
+    fn a_wrong_name_moves_little_and_a_calibration_counts_as_its_touches() {
+        let model = TouchModel::default();
+        let many = (0..20).fold(VerifierOffset::default(), |known, _| known.with(&model, &said(-3.0, 3.0), 3.0));
         assert!((many.nats + 3.0).abs() < 0.02, "{many:?}");
-        let wrong = many.with(&said(-80.0, 3.0));
+        let wrong = many.with(&model, &said(-80.0, 3.0), 3.0);
         assert!(many.nats - wrong.nats < 0.25, "{wrong:?}");
-        let unknown = Verified { expected: None, ..said(-3.0, 3.0) };
-        assert_eq!([many.with(&unknown), many.with(&said(-3.0, 0.0))], [many; 2]);
+        // Without an edge nothing is said.
+        assert_eq!(many.with(&model, &said(-3.0, 0.0), 3.0), many);
+        // What the bank does not know is as usual: 3 instead of 5 nats.
+        let unknown = Verified { expected: None, ..said(-3.0, 1.0) };
+        let [first, same] = [(unknown, 3.0), (said(-1.0, 1.0), 9.0)]
+            .map(|(verified, usual)| VerifierOffset::default().with(&model, &verified, usual));
+        assert_eq!(first, same);
+        let calibrated = TouchModel { verifier_offset: -3.0, verifier_touches: 9.0, ..model };
+        let next = VerifierOffset::default().with(&calibrated, &said(-4.0, 1.0), 3.0);
+        assert!((next.nats + 0.1).abs() < 1e-12, "{next:?}");
+        assert!((next.taken_off(&calibrated, said(0.0, 1.0)).log_odds - 8.1).abs() < 1e-12);
     }
 }

@@ -10,9 +10,10 @@ use tactile_data::file::output;
 use tactile_data::program;
 use tactile_infer::bank::Bank;
 use tactile_infer::calibration::calibrate::{Choice, Judgement, PRIOR_TOUCHES, Touches, calibrate};
-use tactile_infer::calibration::{Calibration, Prior, Spread};
+use tactile_infer::calibration::{Calibration, OfVerifier, Prior, Spread};
 use tactile_infer::embedding::checkpoint::Checkpoint;
 use tactile_infer::embedding::model::Model;
+use tactile_infer::maps::Maps;
 use tactile_infer::{Error, Result};
 
 use super::{ModelArgs, print_json};
@@ -38,6 +39,9 @@ pub struct CalibrateArgs {
     /// Which side is touched: each has a calibration of its own
     #[arg(long, value_name = "SIDE", default_value_t, value_parser = super::side())]
     side: Side,
+    /// Measure what a verifier says of one sensor's touches, too: the networks that the bank was made with
+    #[arg(long, value_name = "FILE")]
+    maps: Option<PathBuf>,
     /// Write the calibrated checkpoint here [default: into the model's own file, whose identity stays the same]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -79,10 +83,18 @@ impl CalibrateArgs {
         let datasets = self.holes.iter().chain(&self.judge);
         let files = datasets.flat_map(|data| FILES.map(|file| data.join(file)));
         // A calibration may be written into the model that it is of.
-        let _lock = output::prepare_file(out, files.chain([self.bank.clone()]))?;
+        let _lock = output::prepare_file(out, files.chain([self.bank.clone()]).chain(self.maps.clone()))?;
         let model = self.model.load()?;
+        let model = match &self.maps {
+            Some(path) => model.with_maps(Maps::load(path)?)?,
+            None => model,
+        };
         let bank = Bank::load(&self.bank, &model)?;
         let prior = self.prior(model.calibration(self.side))?;
+        if self.maps.is_some() && bank.mosaics().is_none() {
+            let expected = "a bank with a map of each part (tactile-infer bank --maps)";
+            return Err(Error::invalid(self.bank.display().to_string(), expected, "one without"));
+        }
         let touches = self.touches(&model, &bank)?;
         let others = self.judge.as_ref().map(|path| {
             let choice = Choice { side: self.side, ..Choice::default() };
@@ -91,7 +103,7 @@ impl CalibrateArgs {
         let calibration = calibrate(&touches, prior.as_ref())?;
         let judged = others.transpose()?.and_then(|others| judged(&others, &calibration));
         let (checkpoint, _) = Checkpoint::load(path)?;
-        checkpoint.with_calibration(self.side, calibration).save(out)?;
+        checkpoint.with_calibration(self.side, calibration.clone()).save(out)?;
         if self.json {
             return print_json(&Report { calibration, judged });
         }
@@ -162,7 +174,7 @@ fn by_other_touches(n_holes: usize, n_before: f64, sd: f64) -> [f64; 2] {
 
 /// A calibration, and what was known before it.
 fn text(calibration: &Calibration) -> String {
-    let Calibration { low_similarity, n_holes, matched, between_sensors, steepness, prior, .. } = calibration;
+    let Calibration { low_similarity, n_holes, matched, between_sensors, steepness, verifier, prior, .. } = calibration;
     let before =
         |of: &dyn Fn(&Prior) -> String| prior.as_ref().map_or(String::new(), |prior| format!("{} -> ", of(prior)));
     let counted = prior.map_or(String::new(), |prior| format!(", and as much as {} from before", prior.n_touches));
@@ -180,6 +192,11 @@ fn text(calibration: &Calibration) -> String {
     }
     if let Some(between) = between_sensors {
         text += &format!(", of it {between:.3} from sensor to sensor");
+    }
+    if let Some(OfVerifier { nats, n_touches, .. }) = verifier {
+        text += &format!(
+            "\n  the verifier says {nats:+.2} nats of each of {n_touches} touches more than of simulated ones"
+        );
     }
     if let Some(steepness) = steepness {
         text += &format!("\n  a distance costs {steepness:.2} times as much as was fitted");

@@ -338,7 +338,8 @@ impl Balls {
             "tactile-infer",
             &format!(
                 "calibrate --model MODEL --bank {bank}.bank --holes {name}-set --side peg --touches {N_CALIBRATING} \
-                 --out {own}"
+                 --out {own}{}",
+                bench.with_maps()
             ),
         )?;
         bench.replay_by(&own, &bank, &format!("{}-{half}-set", self.name))

@@ -92,7 +92,7 @@ impl Bench<'_> {
     }
 
     /// The words that name them.
-    fn with_maps(&self) -> &'static str {
+    pub fn with_maps(&self) -> &'static str {
         if self.maps.is_some() { " --maps MAPS" } else { "" }
     }
 

@@ -3,6 +3,7 @@
 mod sample;
 mod sensors;
 mod steepness;
+mod verified;
 
 use serde::Serialize;
 use tactile_data::dataset::store::Dataset;
@@ -14,12 +15,13 @@ use crate::bank::Bank;
 use crate::bank::metric::by_cosine;
 use crate::bank::recorded::tactile_images;
 use crate::bank::views::Views;
-use crate::calibration::{BLANK_SHARE, Calibration, Prior, Spread};
+use crate::calibration::{BLANK_SHARE, Calibration, OfVerifier, Prior, Spread};
 use crate::embedding::model::Model;
 use crate::error::{Error, Result};
 use sample::low_similarity;
 use sensors::Matched;
 use steepness::AmongViews;
+use verified::Judge;
 
 /// Without a prior fewer holes with an edge than this say too little.
 const MIN_HOLES: usize = 50;
@@ -59,6 +61,9 @@ pub struct Touches {
     matched: Vec<Vec<f64>>,
     /// The same touches next to all views, where the model has a fitted likelihood.
     among_views: Vec<AmongViews>,
+    /// What a verifier says of the same touches more than is expected of each, nats, and the checksum of its networks; `None` where none
+    /// judges them.
+    verified: Option<(String, Vec<f64>)>,
     /// What the bank's views are of.
     views: Views,
 }
@@ -82,8 +87,11 @@ impl Touches {
             bests: Vec::new(),
             matched: vec![Vec::new()],
             among_views: Vec::new(),
+            verified: None,
             views: bank.views(),
         };
+        let judge = Judge::new(model, bank, side, holes.meta().field_of_view_mm());
+        found.verified = judge.as_ref().map(|judge| (judge.maps_sha256().to_owned(), Vec::new()));
         let mut all = Vec::new();
         let odds = model.match_odds(side).or_else(|| model.match_odds(Side::Hole));
         let plain = |cosine: f32| by_cosine(bank.metric(), cosine);
@@ -113,6 +121,9 @@ impl Touches {
                 let edge_share = images[i].edge_share;
                 let of_touch = |odds| AmongViews::new((odds, side), bank, (query, edge_share), (own, &all));
                 found.among_views.extend(odds.map(of_touch));
+                if let Some((judge, (_, said))) = judge.as_ref().zip(found.verified.as_mut()) {
+                    said.push(judge.more_than_expected(&images[i], part, &pose)?);
+                }
             }
         }
         Ok(found)
@@ -130,6 +141,7 @@ impl Touches {
         self.bests.extend(other.bests);
         self.matched.extend(other.matched);
         self.among_views.extend(other.among_views);
+        self.verified = None;
         Ok(self)
     }
 
@@ -189,6 +201,10 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibration
         steepness,
         views: touches.views,
         n_holes: touches.len(),
+        verifier: touches.verified.as_ref().and_then(|(maps_sha256, said)| {
+            let (maps_sha256, n_touches) = (maps_sha256.clone(), said.len());
+            (n_touches > 0).then(|| OfVerifier { maps_sha256, nats: Spread::from_values(said).mean, n_touches })
+        }),
         prior: prior.copied(),
     })
 }
@@ -212,6 +228,7 @@ mod tests {
             matched,
             bests: bests.into(),
             among_views: Vec::new(),
+            verified: None,
             views: Views::Pegs,
         }
     }
