@@ -12,7 +12,7 @@ use crate::bank::similarity::normalize_rows;
 use crate::bank::views::Views;
 use crate::bank::{self, Bank};
 use crate::calibration::match_odds::MatchOdds;
-use crate::calibration::{Calibration, Prior, Spread};
+use crate::calibration::{Calibration, OfVerifier, Prior, Spread};
 use crate::embedding::architecture::NetworkConfig;
 use crate::embedding::checkpoint::{self, Checkpoint, Provenance};
 use crate::embedding::device::DeviceKind;
@@ -33,6 +33,7 @@ const CALIBRATION: Calibration = Calibration {
     between_sensors: Some(0.01),
     steepness: Some(0.8),
     views: Views::Pegs,
+    verifier: Some(OfVerifier { maps_sha256: String::new(), nats: -1.5, n_touches: 10 }),
     prior: Some(Prior {
         n_touches: 100.0,
         low_similarity: 0.7,

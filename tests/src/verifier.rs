@@ -12,7 +12,7 @@ use tactile_data::pose::se2::Se2;
 use tactile_data::scene::{Kit, Parts, Scene};
 use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_data::sensor::touch_map::{TouchMap, TouchMaps};
-use tactile_filter::{Episode, EpisodeConfig, Estimate, Observation, Sensor};
+use tactile_filter::{Episode, EpisodeConfig, Estimate, Observation, Sensor, TouchModel};
 use tactile_infer::bank::simulated::bank_of_scene;
 use tactile_infer::bank::simulated::mosaics::with_maps_of_scene;
 use tactile_infer::bank::views::Views;
@@ -394,4 +394,58 @@ fn a_stranger_that_is_refused_is_known_once_it_is_learnt() {
     bank("learnt/scene.toml", "learnt.bank");
     let (tomorrow, said) = replay("learnt.bank", "tomorrow", &[]);
     assert_eq!((&tomorrow["part"], &tomorrow["confident"]), (&"learnt-1".into(), &true.into()), "{said:?}");
+}
+
+#[test]
+fn known_touches_tell_what_a_verifier_says_of_a_sensor() {
+    let shipped = |name: &str| format!("{}/../infer/models/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
+    let (model, maps) = (shipped("maze-small"), shipped("maze-small.maps"));
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let scene = |depth_mm: f64| {
+        format!(
+            "name = \"two\"\n[parts.letters]\nletters = \"TF\"\nheight_mm = 12.0\nmax_width_mm = 16.0\n[reach]\n\
+             xy_half_mm = 4.0\nxy_step_mm = 2.0\ntheta_half_deg = 15.0\ntheta_step_deg = 15.0\n[sensor]\ndepth_mm = {depth_mm}\n"
+        )
+    };
+    fs::write(at.join("two.toml"), scene(0.9)).unwrap();
+    fs::write(at.join("deep.toml"), scene(2.5)).unwrap();
+    let given = ["bank", "--model", &model, "--scene", "two.toml", "--views", "pegs", "--learn-from", "nothing"];
+    run("tactile-infer", at, &[&given[..], &["--out", "plain.bank"]].concat()).done();
+    run("tactile-infer", at, &[&given[..], &["--maps", &maps, "--out", "two.bank"]].concat()).done();
+    let touch = |scene: &str, more: &[&str], out: &str| {
+        let given = ["generate", "--scene", scene, "--sides", "peg", "--anywhere", "12", "--seed", "5", "--out", out];
+        run("tactile-data", at, &[&given[..], more].concat()).done();
+    };
+    touch("two.toml", &[], "usual");
+    touch("deep.toml", &["--drawn-sensor", "904"], "other");
+    let calibrate = |bank: &str, holes: &str, more: &[&str]| {
+        let given = ["calibrate", "--model", &model, "--bank", bank, "--holes", holes, "--side", "peg", "--json"];
+        run("tactile-infer", at, &[&given[..], more].concat())
+    };
+    let measured = |holes: &str| {
+        let said = calibrate("two.bank", holes, &["--maps", &maps, "--out", "own.safetensors"]);
+        let said: Value = serde_json::from_str(said.done()).unwrap();
+        let of = |name: &str| said["verifier"][name].as_f64().unwrap();
+        (of("nats"), of("n_touches"))
+    };
+    // What was expected of this sensor by 64 other touches: within three standard errors, where one varies by 2 nats.
+    let (nats, n) = measured("usual");
+    assert!(n >= 16.0 && nats.abs() < 3.0 * 2.0 * (1.0 / n + 1.0 / 64.0_f64).sqrt(), "{nats} of {n}");
+    let (nats, n) = measured("other");
+    assert!(nats < -1.0, "{nats} of {n}");
+    // It counts where the same networks judge, and nowhere else.
+    let own = || Model::load(&at.join("own.safetensors")).unwrap();
+    let with_maps = own().with_maps(Maps::load(maps.as_ref()).unwrap()).unwrap();
+    let [plain, judged] = [own(), with_maps].map(|model| TouchModel::of_side(&model, Side::Peg));
+    assert_eq!((plain.verifier_offset, plain.verifier_touches), (0.0, 0.25));
+    assert!((judged.verifier_offset - nats * n / (n + 0.25)).abs() < 1e-9, "{judged:?}");
+    assert!((judged.verifier_touches - 1.0 / (1.0 / (n + 0.25) + 0.5)).abs() < 1e-9);
+    assert_eq!(TouchModel { verifier_offset: 0.0, verifier_touches: 0.25, ..judged }, plain);
+    // Several sensors tell what is for any: no offset.
+    let two = calibrate("two.bank", "usual", &["--holes", "other", "--maps", &maps, "--out", "two.safetensors"]);
+    assert_eq!(serde_json::from_str::<Value>(two.done()).unwrap()["verifier"], Value::Null);
+    let refused = calibrate("plain.bank", "usual", &["--maps", &maps, "--out", "never.safetensors"]);
+    assert!(refused.failed().contains("plain.bank: expected a bank with a map of each part"), "{}", refused.stderr);
+    assert!(!at.join("never.safetensors").exists());
 }

@@ -173,7 +173,7 @@ fn inherited(run: &Run<'_>) -> Result<Option<Calibration>> {
     if run.resume && own.exists() {
         return Ok(Checkpoint::load(&own)?.0.calibration);
     }
-    Ok(run.from.and_then(|from| from.calibration))
+    Ok(run.from.and_then(|from| from.calibration.clone()))
 }
 
 /// The loop: batch, loss, gradient, step, momentum, log.
@@ -363,7 +363,7 @@ impl Results<'_> {
         };
         let network = state.moco.online.valid();
         let checkpoint = Checkpoint::of(&network, config.network, self.pairs.preprocessing.clone(), provenance);
-        let checkpoint = Checkpoint { calibration: self.calibration, ..checkpoint };
+        let checkpoint = Checkpoint { calibration: self.calibration.clone(), ..checkpoint };
         let model = checkpoint.save(&out.file(MODEL));
         let sha256 = model.map_err(|error| self.not_saved(state.step, error.into()))?;
         self.kept = Some(state.step);

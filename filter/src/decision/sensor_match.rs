@@ -156,10 +156,8 @@ mod tests {
                 let mut log = -(SHAPE + 1.0) * variance.ln() - prior.within * (SHAPE - 1.0) / variance + variance.ln();
                 let normal = |x: f64, of: f64| -0.5 * (x * x / of + of.ln());
                 log += normal(offset, variance / prior.weight);
-                log += holes
-                    .iter()
-                    .map(|(mean, n)| normal(mean - offset, variance / independent(f64::from(*n))))
-                    .sum::<f64>();
+                log +=
+                    holes.iter().map(|(mean, n)| normal(mean - offset, variance / independent(*n as f64))).sum::<f64>();
                 let density = log.exp();
                 total += density;
                 offsets += density * offset;
