@@ -5,7 +5,7 @@ use std::sync::Arc;
 use tactile_data::pose::grid::PoseGrid;
 use tactile_data::pose::se2::Se2;
 use tactile_data::recording::ros::messages::{Level, Text, Time, to_cdr};
-use tactile_filter::{Episode, Observation, SensorMatch};
+use tactile_filter::{Episode, Observation, SensorMatch, StopReason};
 use tactile_infer::{Bank, Model};
 
 use crate::camera::{Arrival, Camera, ClockFault, Kind};
@@ -29,6 +29,9 @@ const OBSERVE_TIMEOUT_S: f64 = 1.0;
 
 /// Pictures at rest may take so long, seconds.
 const REST_TIMEOUT_S: f64 = 10.0;
+
+/// So many holes in a row that are none of the parts are reported: one that is there is refused once in fifty at most.
+const MANY_STRANGERS: u32 = 3;
 
 /// Fewer pictures than this share of the expected rate are reported.
 const LEAST_RATE: f64 = 0.75;
@@ -58,6 +61,8 @@ pub struct Node {
     /// Entropy (nats) and probability of the likeliest part after the latest touch.
     latest: Option<[f64; 2]>,
     n_refused: u64,
+    /// Holes in a row that were none of these parts.
+    n_strangers: u32,
     n_cameras: Option<u32>,
     troubles: Troubles,
     diagnosed_ns: Option<i64>,
@@ -102,6 +107,7 @@ impl Node {
             sensor: SensorMatch::default(),
             latest: None,
             n_refused: 0,
+            n_strangers: 0,
             n_cameras: None,
             troubles: Troubles::default(),
             diagnosed_ns: None,
@@ -323,6 +329,9 @@ impl Node {
                 if let Some(running) = self.running.as_ref().filter(|_| self.parameters.learn_sensor) {
                     self.sensor = running.episode.learn();
                 }
+                if let Some(stop) = self.running.as_ref().map(|running| running.episode.stop_reason()) {
+                    self.count_strangers(stop);
+                }
                 (self.running, self.latest, self.seen) = (None, None, None);
                 self.learn_light();
                 self.tool.reset();
@@ -344,6 +353,19 @@ impl Node {
                 self.try_pending();
             }
         }
+    }
+
+    /// Says where hole after hole is none of these parts: a sensor that nobody simulated looks so.
+    fn count_strangers(&mut self, stop: Option<StopReason>) {
+        self.n_strangers = if stop == Some(StopReason::NoneOfThese) { self.n_strangers.saturating_add(1) } else { 0 };
+        if self.n_strangers < MANY_STRANGERS {
+            return self.clear(Trouble::Refused);
+        }
+        let text = format!(
+            "{MANY_STRANGERS} holes in a row are none of these parts: if that is wrong, measure the sensor's lamps, or \
+             calibrate by touches of known parts"
+        );
+        self.raise(Trouble::Refused, Level::Warn, text);
     }
 
     /// Learns the sensor's lamps of the touches so far, where there are enough.

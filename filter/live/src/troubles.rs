@@ -28,6 +28,8 @@ pub enum Trouble {
     PartPose,
     /// A contact without a pose.
     NoPose,
+    /// Hole after hole is none of the parts.
+    Refused,
 }
 
 /// What is wrong now, and since when it was last reported.

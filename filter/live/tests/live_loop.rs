@@ -185,6 +185,25 @@ fn under_lamps_that_nobody_knows_holes_are_named_once_their_touches_have_told_th
 }
 
 #[test]
+fn strangers_hole_after_hole_are_said_once() {
+    let strangers = Scene { parts: Parts::Kit(Kit::of_letters("MNPRSX", 12.0, 16.0)), ..scene() };
+    let settings = RobotSettings { n_episodes: 8, ..RobotSettings::default() };
+    let mut robot = Robot::new(settings, Simulator::new(strangers, 1).unwrap()).unwrap();
+    let (mut n_said, mut session) = (0, Session::new(node()));
+    pair::run(&mut session, &mut robot, 600.0, &mut |_| true, &mut |spoken| {
+        if let Spoken::Line(line) = spoken {
+            n_said += usize::from(line.starts_with("3 holes in a row are none of these parts"));
+        }
+    })
+    .unwrap();
+    let is_refused = |outcome: &Outcome| outcome.stop == Some(StopReason::NoneOfThese);
+    // After the last hole nobody asks for another.
+    let over = &robot.outcomes()[..7];
+    let n_in_row = over.split(|outcome| !is_refused(outcome)).filter(|refused| refused.len() >= 3).count();
+    assert!(n_in_row > 0 && n_said == n_in_row, "{n_said} {:?}", robot.outcomes());
+}
+
+#[test]
 fn the_frame_in_which_the_belief_is_drawn_is_where_the_part_is() {
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("live.mcap");
