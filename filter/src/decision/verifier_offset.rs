@@ -60,7 +60,7 @@ impl VerifierOffset {
         Self { nats: self.nats + apart * weight / (known + weight), weight: self.weight + weight }
     }
 
-    /// Whether holes may have told this.
+    /// Whether holes may tell this.
     pub(crate) fn is_told(&self) -> bool {
         self.nats.abs() < 1e6 && (0.0..1e12).contains(&self.weight) && (self.weight > 0.0 || self.nats == 0.0)
     }
