@@ -93,8 +93,8 @@ numbers! {
             Measured: "`tactile-filter certify`; without it, the shipped model's"; "parts that are there are refused";
         /// What a verifier says of a touch of this sensor more than of a simulated one ...
         verifier_offset: f64 = 0.0, "nats", Range::ANY,
-            Measured: "`tactile-infer calibrate --maps`; else the confident holes of a run tell it"; "a sensor that nobody simulated is refused";
-        /// ... as it is known from so many touches: drawn sensors pressed 2.5 mm deep are 4 nats off, a touch varies by 2.
+            Measured: "`tactile-infer calibrate --maps`; else the confident holes of a run tell it"; "parts that are pressed deeper than the bank's are refused";
+        /// ... as it is known from so many touches: presses a millimetre deeper than the bank's are some 4 nats off, a touch varies by 2.
         verifier_touches: f64 = 0.25, "touches", Range::POSITIVE,
             Measured: "`tactile-infer calibrate --maps`; else (2 / 4)^2, MAZE parts 0 to 11, six drawn sensors"; "a run learns it too late";
         /// An estimate warns where no edged touch reached this cosine with any recorded view.
@@ -257,8 +257,8 @@ fn shared_variance(calibration: &Calibration) -> f64 {
     }
 }
 
-/// How far what a verifier says of touches that were chosen is from what it says of any, the variance in that of one touch: under a sensor
-/// that nobody simulated, of places with more detail it says 1.4 nats less, a touch varies by 2.
+/// How far what a verifier says of touches that were chosen is from what it says of any, the variance in that of one touch: where touches
+/// are pressed otherwise than the bank's, of places with more detail it says 1.4 nats less; a touch varies by 2.
 const CHOSEN: f64 = 0.5;
 
 /// Few touches may agree by chance; cosines of no sensor lie nearer together.

@@ -14,7 +14,7 @@ use crate::touch_model::TouchModel;
 const SD: f64 = 2.0;
 
 /// How much of the offset is taken off: of parts a verifier says less by all of it, of strangers by nothing as far as anyone knows, and
-/// halfway between them it cannot tell. All of it names a tenth of the look-alikes that a sensor pressed 2.5 mm deep feels.
+/// halfway between them it cannot tell. All of it names a tenth of the look-alikes where bank and touches are pressed 2 mm apart in depth.
 const SHARE: f64 = 0.5;
 
 /// What was learnt of a sensor by a verifier; nothing at first.

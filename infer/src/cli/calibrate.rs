@@ -91,10 +91,7 @@ impl CalibrateArgs {
         };
         let bank = Bank::load(&self.bank, &model)?;
         let prior = self.prior(model.calibration(self.side))?;
-        if self.maps.is_some() && bank.mosaics().is_none() {
-            let expected = "a bank with a map of each part (tactile-infer bank --maps)";
-            return Err(Error::invalid(self.bank.display().to_string(), expected, "one without"));
-        }
+        self.check_judged(&bank)?;
         let touches = self.touches(&model, &bank)?;
         let others = self.judge.as_ref().map(|path| {
             let choice = Choice { side: self.side, ..Choice::default() };
@@ -117,6 +114,22 @@ impl CalibrateArgs {
             println!("  of {n_holes} other holes {before}{} % are below the low cosine{own}", low(&after));
         }
         Ok(())
+    }
+
+    /// Refuses maps by which nothing can be judged.
+    fn check_judged(&self, bank: &Bank) -> Result<()> {
+        let Some(maps) = &self.maps else { return Ok(()) };
+        let Some(mosaics) = bank.mosaics() else {
+            let expected = "a bank with a map of each part (tactile-infer bank --maps)";
+            return Err(Error::invalid(self.bank.display().to_string(), expected, "one without"));
+        };
+        let fitted =
+            bank.verifier().map(|verifier| verifier.presence(self.side, mosaics.side_for(self.side)).is_some());
+        if fitted == Some(true) {
+            return Ok(());
+        }
+        let expected = "a verifier (tactile-train --verifier) whose words were fitted (tactile-filter certify --maps)";
+        Err(Error::invalid(maps.display().to_string(), expected, if fitted.is_none() { "none" } else { "no fit" }))
     }
 
     /// The touches of all sensors.
