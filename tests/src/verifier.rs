@@ -12,10 +12,11 @@ use tactile_data::pose::se2::Se2;
 use tactile_data::scene::{Kit, Parts, Scene};
 use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_data::sensor::touch_map::{TouchMap, TouchMaps};
-use tactile_filter::{Episode, EpisodeConfig, Estimate, Observation, Sensor, TouchModel};
+use tactile_filter::{Episode, EpisodeConfig, Estimate, Observation, Sensor, SensorMatch, Settings, TouchModel};
 use tactile_infer::bank::simulated::bank_of_scene;
 use tactile_infer::bank::simulated::mosaics::with_maps_of_scene;
 use tactile_infer::bank::views::Views;
+use tactile_infer::calibration::presence::{Felt, Verified};
 use tactile_infer::maps::mosaic::{Mosaics, Stitcher};
 use tactile_infer::maps::verifier::{Verifier, VerifierConfig};
 use tactile_infer::maps::{DrawnMap, MapFile, Maps};
@@ -297,7 +298,8 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
     };
     // Two touches next to the letter, then one on it.
     let (aside, moved) = (Se2::new(12.0, 12.0, 0.0), Se2::new(-24.0, 0.0, 0.0));
-    let mut episode = Episode::begin(EpisodeConfig::of(&model), Arc::new(bank), &touch(aside, 1)).unwrap();
+    let (config, bank) = (EpisodeConfig::of(&model), Arc::new(bank));
+    let mut episode = Episode::begin(config, bank.clone(), &touch(aside, 1)).unwrap();
     episode.observe(moved, &touch(aside * moved, 2)).unwrap();
     let blank = episode.estimate();
     let verified = blank.verified.unwrap();
@@ -308,6 +310,31 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
     let verified = found.verified.unwrap();
     assert!(verified.n_new > 0.5 && verified.n_new <= 1.0 && verified.log_odds.abs() <= 8.0, "{verified:?}");
     assert!(found.presence.is_some() && found.part == "T", "{}", found.part);
+
+    // A run learns what is said of its sensor: one touch next to a quarter of one.
+    let mut eager = config;
+    eager.settings = Settings { stop_probability: 0.3, false_accept: None, ..Settings::default() };
+    let first = Episode::begin(eager, bank.clone(), &touch(Se2::IDENTITY, 4)).unwrap();
+    let found = first.estimate();
+    let verified = found.verified.unwrap();
+    let part = bank.parts().iter().position(|part| *part == found.part).unwrap();
+    let odds = *maps.verifier().unwrap().presence(Side::Hole, bank.mosaics().unwrap().side_for(Side::Hole)).unwrap();
+    let expected = bank.expected().unwrap().of(part, Side::Hole).map_or(odds.usual, |expected| expected.mean);
+    let known = first.learn();
+    assert_eq!((known.n_holes, verified.n_new), (1, 1.0));
+    assert!((known.verifier.nats - (verified.log_odds - expected) / 1.25).abs() < 1e-9, "{known:?} {verified:?}");
+    // Half of it is taken off; what is felt stays.
+    let sensor = SensorMatch { verifier: known.verifier, n_holes: 1, ..SensorMatch::default() };
+    let [none, learnt] = [SensorMatch { n_holes: 1, ..SensorMatch::default() }, sensor].map(|sensor| {
+        let found =
+            Episode::begin(eager.with_sensor(sensor), bank.clone(), &touch(Se2::IDENTITY, 4)).unwrap().estimate();
+        assert_eq!(found.verified, Some(verified));
+        let felt = Felt { fit: found.fit.unwrap(), n_fitted: found.n_fitted, verified: found.verified };
+        (felt, found.presence.unwrap().log_odds)
+    });
+    assert!((odds.log_odds(&none.0) - none.1).abs() < 1e-9);
+    let less = Verified { log_odds: verified.log_odds - 0.5 * known.verifier.nats, ..verified };
+    assert!((odds.log_odds(&Felt { verified: Some(less), ..learnt.0 }) - learnt.1).abs() < 1e-9);
 }
 
 #[test]
