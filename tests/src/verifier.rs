@@ -52,6 +52,11 @@ fn train_maps(sample: &Sample, at: &Path) {
     run("tactile-train", at, &draw).done();
 }
 
+/// A file of the shipped networks.
+fn shipped(name: &str) -> String {
+    format!("{}/../infer/models/{name}.safetensors", env!("CARGO_MANIFEST_DIR"))
+}
+
 #[test]
 fn recorded_parts_have_maps() {
     let sample = Sample::shared();
@@ -282,7 +287,6 @@ fn a_place_is_found_by_the_maps_of_touches_and_part() {
 
 #[test]
 fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
-    let shipped = |name: &str| format!("{}/../infer/models/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
     let maps = Maps::load(shipped("maze-small.maps").as_ref()).unwrap();
     let model = Model::load(shipped("maze-small").as_ref()).unwrap().with_maps(maps.clone()).unwrap();
     let model = Arc::new(model);
@@ -339,7 +343,6 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
 
 #[test]
 fn maps_are_in_millimetres_under_any_view() {
-    let shipped = |name: &str| format!("{}/../infer/models/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     // The Mini's view, one that is a fifth smaller, the SDK's.
@@ -382,7 +385,6 @@ frame_px = [160, 120]
 
 #[test]
 fn a_stranger_that_is_refused_is_known_once_it_is_learnt() {
-    let shipped = |name: &str| format!("{}/../infer/models/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
     let (model, maps) = (shipped("maze-small"), shipped("maze-small.maps"));
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
@@ -425,7 +427,6 @@ fn a_stranger_that_is_refused_is_known_once_it_is_learnt() {
 
 #[test]
 fn known_touches_tell_what_a_verifier_says_of_a_sensor() {
-    let shipped = |name: &str| format!("{}/../infer/models/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
     let (model, maps) = (shipped("maze-small"), shipped("maze-small.maps"));
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

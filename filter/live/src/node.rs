@@ -326,13 +326,13 @@ impl Node {
         match request {
             Request::Reset => {
                 let n_touches = self.n_touches();
-                if let Some(running) = self.running.as_ref().filter(|_| self.parameters.learn_sensor) {
-                    self.sensor = running.episode.learn();
+                if let Some(Running { episode, .. }) = self.running.take() {
+                    if self.parameters.learn_sensor {
+                        self.sensor = episode.learn();
+                    }
+                    self.count_strangers(episode.stop_reason());
                 }
-                if let Some(stop) = self.running.as_ref().map(|running| running.episode.stop_reason()) {
-                    self.count_strangers(stop);
-                }
-                (self.running, self.latest, self.seen) = (None, None, None);
+                (self.latest, self.seen) = (None, None);
                 self.learn_light();
                 self.tool.reset();
                 if let Some(pending) = self.pending.take() {

@@ -59,7 +59,12 @@ fn node() -> Node {
 
 /// Runs a robot against a node; what became of the holes and what was said.
 fn run(settings: RobotSettings, session: &mut Session) -> (Vec<Outcome>, Vec<String>) {
-    let mut robot = Robot::new(settings, Simulator::new(scene(), 1).unwrap()).unwrap();
+    run_in(scene(), settings, session)
+}
+
+/// The same in a scene.
+fn run_in(scene: Scene, settings: RobotSettings, session: &mut Session) -> (Vec<Outcome>, Vec<String>) {
+    let mut robot = Robot::new(settings, Simulator::new(scene, 1).unwrap()).unwrap();
     let mut lines = Vec::new();
     pair::run(session, &mut robot, 600.0, &mut |_| true, &mut |spoken| {
         lines.extend(match spoken {
@@ -161,19 +166,10 @@ fn under_lamps_that_nobody_knows_holes_are_named_once_their_touches_have_told_th
     let mut other = scene();
     other.sensor.light = LightRig::named("cmu").unwrap();
     let settings = RobotSettings { n_episodes: 12, ..RobotSettings::default() };
-    let mut robot = Robot::new(settings, Simulator::new(other, 1).unwrap()).unwrap();
-    let mut lines = Vec::new();
-    pair::run(&mut session, &mut robot, 600.0, &mut |_| true, &mut |spoken| {
-        lines.extend(match spoken {
-            Spoken::Line(line) => Some(line),
-            Spoken::Decision(_) => None,
-        });
-    })
-    .unwrap();
+    let (outcomes, lines) = run_in(other, settings, &mut session);
     session.finish().unwrap();
     assert!(lines.iter().any(|line| line.contains("light: red") && line.contains("turned by")), "{lines:?}");
     // The first twenty touches come from the first three holes or so.
-    let outcomes = robot.outcomes();
     let n_right = |outcomes: &[Outcome]| outcomes.iter().filter(|outcome| is_right(outcome)).count();
     assert!(n_right(&outcomes[..2]) == 0 && n_right(&outcomes[6..]) >= 4, "{outcomes:?}");
     let replayed = replay::replay(&log, model.clone(), bank.clone()).unwrap();
@@ -188,19 +184,13 @@ fn under_lamps_that_nobody_knows_holes_are_named_once_their_touches_have_told_th
 fn strangers_hole_after_hole_are_said_once() {
     let strangers = Scene { parts: Parts::Kit(Kit::of_letters("MNPRSX", 12.0, 16.0)), ..scene() };
     let settings = RobotSettings { n_episodes: 8, ..RobotSettings::default() };
-    let mut robot = Robot::new(settings, Simulator::new(strangers, 1).unwrap()).unwrap();
-    let (mut n_said, mut session) = (0, Session::new(node()));
-    pair::run(&mut session, &mut robot, 600.0, &mut |_| true, &mut |spoken| {
-        if let Spoken::Line(line) = spoken {
-            n_said += usize::from(line.starts_with("3 holes in a row are none of these parts"));
-        }
-    })
-    .unwrap();
+    let (outcomes, lines) = run_in(strangers, settings, &mut Session::new(node()));
+    let n_said = lines.iter().filter(|line| line.starts_with("3 holes in a row are none of these parts")).count();
     let is_refused = |outcome: &Outcome| outcome.stop == Some(StopReason::NoneOfThese);
     // After the last hole nobody asks for another.
-    let over = &robot.outcomes()[..7];
+    let over = &outcomes[..7];
     let n_in_row = over.split(|outcome| !is_refused(outcome)).filter(|refused| refused.len() >= 3).count();
-    assert!(n_in_row > 0 && n_said == n_in_row, "{n_said} {:?}", robot.outcomes());
+    assert!(n_in_row > 0 && n_said == n_in_row, "{n_said} {outcomes:?}");
 }
 
 #[test]

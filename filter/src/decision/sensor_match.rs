@@ -87,8 +87,8 @@ impl SensorMatch {
     /// that the bank does not know; `None` without one.
     pub(crate) fn with_hole(&self, model: &TouchModel, placed: &Placed, usual: Option<f64>) -> Self {
         let Some(scores) = placed.scores else { return *self };
-        let told = placed.verified.zip(usual);
-        let verifier = told.map_or(self.verifier, |(verified, usual)| self.verifier.with(model, &verified, usual));
+        let said = placed.verified.zip(usual);
+        let verifier = said.map_or(self.verifier, |(verified, usual)| self.verifier.with(model, &verified, usual));
         Self { verifier, ..self.with(model, scores) }
     }
 
@@ -111,7 +111,7 @@ impl SensorMatch {
     pub(crate) fn validate(&self) -> Result<()> {
         let is_told =
             self.offset.abs() < 1e6 && (0.0..1e12).contains(&self.weight) && (0.0..1e12).contains(&self.squares);
-        let is_told = is_told && self.verifier.is_told();
+        let is_told = is_told && self.verifier.is_valid();
         let is_none = self.n_holes > 0 || *self == Self::default();
         if is_told && is_none {
             return Ok(());

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::dataset::touch::Side;
 use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
-use tactile_infer::calibration::presence::{Felt, Presence, PresenceOdds, Verified};
+use tactile_infer::calibration::presence::{Felt, Presence, Verified};
 
 use crate::belief::{Belief, Hill, Hypothesis};
 use crate::config::EpisodeConfig;
@@ -267,16 +267,10 @@ impl<'a> Asked<'a> {
         self.belief.covariance(part, &placed.part_from_first, &symmetry, self.config.method.between_poses)
     }
 
-    /// The log-odds that a named part is there by what a verifier says; `None` where none judges.
-    pub(crate) fn odds_by_verifier(self) -> Option<&'a PresenceOdds> {
-        let (verifier, maps) = self.bank.verifier().zip(self.bank.mosaics())?;
-        verifier.presence(self.side(), maps.side_for(self.side()))
-    }
-
     /// Whether the part is there at all; `None` where no edge was felt.
     pub(crate) fn presence(self, placed: &Placed) -> Option<Presence> {
         let (fit, n_fitted) = (placed.fit?, placed.n_fitted());
-        let (odds, verified) = match placed.verified.zip(self.odds_by_verifier()) {
+        let (odds, verified) = match placed.verified.zip(self.bank.presence(self.side())) {
             Some((verified, odds)) => (*odds, Some(self.config.sensor.verifier.taken_off(self.model, verified))),
             None => (self.model.presence(), None),
         };

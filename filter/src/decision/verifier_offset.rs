@@ -27,22 +27,6 @@ pub struct VerifierOffset {
     pub weight: f64,
 }
 
-/// What is said of a hole's touches more than is expected of each, the mean, nats, and how many they are, each as much as it is new.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Said {
-    mean: f64,
-    n_new: f64,
-}
-
-impl Said {
-    /// `usual`: what to expect of a part that the bank does not know. `None` where no edge was felt.
-    fn of(verified: &Verified, usual: f64) -> Option<Self> {
-        let Verified { log_odds, n_new, expected, .. } = *verified;
-        let expected = expected.map_or(usual, |expected| expected.mean);
-        (n_new > 0.0).then(|| Self { mean: log_odds / n_new - expected, n_new })
-    }
-}
-
 impl VerifierOffset {
     /// What is said, less what is this sensor's.
     pub(crate) fn taken_off(&self, model: &TouchModel, verified: Verified) -> Verified {
@@ -53,15 +37,20 @@ impl VerifierOffset {
     /// With what one more confident hole tells, if it tells anything. `usual`: what is said of a touch on a part that the bank does not
     /// know.
     pub(crate) fn with(&self, model: &TouchModel, verified: &Verified, usual: f64) -> Self {
-        let Some(Said { mean, n_new }) = Said::of(verified, usual) else { return *self };
+        let n_new = verified.n_new;
+        // No edge was felt.
+        if n_new <= 0.0 {
+            return *self;
+        }
+        let mean = verified.log_odds / n_new - verified.expected_mean(usual);
         let (weight, known) = (independent(n_new), model.verifier_touches + self.weight);
         let most = MOST * SD * (weight.recip() + known.recip()).sqrt();
         let apart = (mean - model.verifier_offset - self.nats).clamp(-most, most);
         Self { nats: self.nats + apart * weight / (known + weight), weight: self.weight + weight }
     }
 
-    /// Whether holes may tell this.
-    pub(crate) fn is_told(&self) -> bool {
+    /// Whether these are numbers that holes can give.
+    pub(crate) fn is_valid(&self) -> bool {
         self.nats.abs() < 1e6 && (0.0..1e12).contains(&self.weight) && (self.weight > 0.0 || self.nats == 0.0)
     }
 

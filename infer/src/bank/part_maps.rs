@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
+use tactile_data::dataset::touch::Side;
+
 use super::Bank;
+use crate::calibration::presence::PresenceOdds;
 use crate::error::{Error, Result};
 use crate::maps::expected::Expected;
 use crate::maps::mosaic::Mosaics;
@@ -86,6 +89,12 @@ impl Bank {
     /// What a verifier says of touches that were made on each part, where that was measured.
     pub fn expected(&self) -> Option<&Expected> {
         self.maps.as_deref().and_then(|maps| maps.expected.as_ref())
+    }
+
+    /// The log-odds that a named part is there by what the verifier says where a side is touched; `None` where none judges, or they were
+    /// not fitted.
+    pub fn presence(&self, touched: Side) -> Option<&PresenceOdds> {
+        self.verifier()?.presence(touched, self.mosaics()?.side_for(touched))
     }
 
     /// What judges touches against those maps, where it was given.

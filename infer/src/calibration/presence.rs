@@ -86,8 +86,12 @@ impl Verified {
     /// The log-odds, and those of as many touches that were made on the part, both by the root of their number. `usual`: what to expect
     /// of one on a part that the bank does not know.
     pub fn values(&self, usual: f64) -> [f64; 2] {
-        let mean = self.expected.map_or(usual, |expected| expected.mean);
-        [self.log_odds, self.n_new * mean].map(|sum| sum / self.n_new.max(1.0).sqrt())
+        [self.log_odds, self.n_new * self.expected_mean(usual)].map(|sum| sum / self.n_new.max(1.0).sqrt())
+    }
+
+    /// What the verifier says of a touch that was made on the part, or as usual where the bank does not know it, nats.
+    pub fn expected_mean(&self, usual: f64) -> f64 {
+        self.expected.map_or(usual, |expected| expected.mean)
     }
 
     /// The share of the outline that is in view of the touches, 0..=1.

@@ -119,17 +119,16 @@ impl CalibrateArgs {
     /// Refuses maps by which nothing can be judged.
     fn check_judged(&self, bank: &Bank) -> Result<()> {
         let Some(maps) = &self.maps else { return Ok(()) };
-        let Some(mosaics) = bank.mosaics() else {
+        if bank.mosaics().is_none() {
             let expected = "a bank with a map of each part (tactile-infer bank --maps)";
             return Err(Error::invalid(self.bank.display().to_string(), expected, "one without"));
-        };
-        let fitted =
-            bank.verifier().map(|verifier| verifier.presence(self.side, mosaics.side_for(self.side)).is_some());
-        if fitted == Some(true) {
+        }
+        if bank.presence(self.side).is_some() {
             return Ok(());
         }
         let expected = "a verifier (tactile-train --verifier) whose words were fitted (tactile-filter certify --maps)";
-        Err(Error::invalid(maps.display().to_string(), expected, if fitted.is_none() { "none" } else { "no fit" }))
+        let got = if bank.verifier().is_none() { "none" } else { "no fit" };
+        Err(Error::invalid(maps.display().to_string(), expected, got))
     }
 
     /// The touches of all sensors.

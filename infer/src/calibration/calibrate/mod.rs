@@ -61,8 +61,8 @@ pub struct Touches {
     matched: Vec<Vec<f64>>,
     /// The same touches next to all views, where the model has a fitted likelihood.
     among_views: Vec<AmongViews>,
-    /// What a verifier says of the same touches more than is expected of each, nats, and the checksum of its networks; `None` where none
-    /// judges them.
+    /// What a verifier says of the first sensor's touches more than is expected of each, nats, and the checksum of its networks; `None`
+    /// where none judges them.
     verified: Option<(String, Vec<f64>)>,
     /// What the bank's views are of.
     views: Views,
@@ -141,7 +141,6 @@ impl Touches {
         self.bests.extend(other.bests);
         self.matched.extend(other.matched);
         self.among_views.extend(other.among_views);
-        self.verified = None;
         Ok(self)
     }
 
@@ -201,7 +200,7 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibration
         steepness,
         views: touches.views,
         n_holes: touches.len(),
-        verifier: touches.verified.as_ref().and_then(|(maps_sha256, said)| {
+        verifier: touches.verified.as_ref().filter(|_| is_one_sensor).and_then(|(maps_sha256, said)| {
             let (maps_sha256, n_touches) = (maps_sha256.clone(), said.len());
             (n_touches > 0).then(|| OfVerifier { maps_sha256, nats: Spread::from_values(said).mean, n_touches })
         }),

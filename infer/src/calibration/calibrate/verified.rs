@@ -31,8 +31,7 @@ impl<'a> Judge<'a> {
     /// `None` where the model draws no maps, or the bank has none, or nobody fitted what a verifier's words are worth.
     pub(super) fn new(model: &'a Model, bank: &'a Bank, side: Side, view_mm: [f64; 2]) -> Option<Self> {
         let (drawer, mosaics) = (model.maps().map(Maps::drawer)?, bank.mosaics()?);
-        let verifier = bank.verifier()?;
-        let usual = verifier.presence(side, mosaics.side_for(side))?.usual;
+        let (verifier, usual) = (bank.verifier()?, bank.presence(side)?.usual);
         Some(Self { drawer, verifier, bank, mosaics, side, view_mm, usual })
     }
 
