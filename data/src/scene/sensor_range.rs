@@ -4,7 +4,7 @@ use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::scene::random::{frame_rng, uniform};
+use crate::scene::random::{around_zero, frame_rng, uniform};
 use crate::sensor::SensorSpec;
 
 /// What differs from sensor to sensor, lowest and highest. Other lamps are not among it: pictures are
@@ -29,6 +29,15 @@ pub struct SensorRange {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hole_scale: Option<[f64; 2]>,
 }
+
+/// How far a lamp that nobody measured is turned at most, degrees ...
+const TURN_DEG: f64 = 20.0;
+
+/// ... how strong it is, as a multiple of the scene's ...
+const STRENGTH: [f64; 2] = [0.7, 1.4];
+
+/// ... and what share of that it gains or loses from the middle of the frame to its border, along x and along y, at most.
+const UNEVEN: f64 = 0.3;
 
 /// Decay lengths of other gels, mm.
 const GEL_LENGTH_MM: [f64; 2] = [0.8, 1.8];
@@ -61,6 +70,16 @@ impl SensorRange {
         let mut rng = frame_rng(u64::from_be_bytes(*b"sensors "), number);
         let gel_length_mm = uniform(&mut rng, GEL_LENGTH_MM);
         Self { scale: [1.0; 2], ..Self::default() }.draw(SensorSpec { gel_length_mm, ..spec.clone() }, &mut rng)
+    }
+
+    /// `spec` with the `number`-th of the lights that a unit may have which nobody measured: each lamp turned, stronger or weaker, and
+    /// fading otherwise over the frame. Two Minis' lamps differ by some 4 to 17 degrees and 10 %.
+    pub fn another_light(spec: &SensorSpec, number: u64) -> SensorSpec {
+        let mut rng = frame_rng(u64::from_be_bytes(*b"lights  "), number);
+        let (strength, turn_deg) =
+            ([0; 3].map(|_| uniform(&mut rng, STRENGTH)), [0; 3].map(|_| around_zero(&mut rng, TURN_DEG)));
+        let uneven = [0; 3].map(|_| [0; 2].map(|_| around_zero(&mut rng, UNEVEN)));
+        SensorSpec { light: spec.light.varied(strength, turn_deg).fading(uneven), light_known: false, ..spec.clone() }
     }
 
     /// A sensor drawn round `spec`.
@@ -145,6 +164,32 @@ mod tests {
         assert!(gels.iter().any(|mm| *mm > 1.5));
         assert!(drawn.iter().all(|spec| spec.field_of_view_mm == scene.field_of_view_mm && spec.light == scene.light));
         drawn.iter().for_each(|spec| spec.validate().unwrap());
+    }
+
+    #[test]
+    fn a_light_that_nobody_measured_is_near_the_scenes_and_changes_nothing_else() {
+        let scene = SensorSpec::default();
+        let towards = |spec: &SensorSpec, c: usize| {
+            let [x, y] = [spec.light.along_x[c][0], spec.light.along_y[c][0]].map(f64::from);
+            (x.hypot(y), y.atan2(x).to_degrees())
+        };
+        let (mut turns, mut strengths) = (Vec::new(), Vec::new());
+        for number in 0..40 {
+            let drawn = SensorRange::another_light(&scene, number);
+            drawn.validate().unwrap();
+            assert!(!drawn.light_known && drawn.known_lamps().is_none());
+            assert_eq!(drawn.light.at_rest, scene.light.at_rest);
+            for c in 0..3 {
+                let ((strength, deg), (own, own_deg)) = (towards(&drawn, c), towards(&scene, c));
+                turns.push((deg - own_deg + 540.0).rem_euclid(360.0) - 180.0);
+                strengths.push(strength / own);
+            }
+            assert_eq!(SensorSpec { light: scene.light.clone(), light_known: true, ..drawn }, scene);
+        }
+        let range = |of: &[f64]| of.iter().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(*v), b.max(*v)));
+        let (((least, most), (weak, strong)), near) = ((range(&turns), range(&strengths)), 1e-3);
+        assert!(least > -20.0 - near && least < -17.0 && most < 20.0 + near && most > 17.0, "{least} {most}");
+        assert!(weak > 0.7 - near && weak < 0.75 && strong < 1.4 + near && strong > 1.35, "{weak} {strong}");
     }
 
     fn touch(sensors: Option<SensorRange>) -> Frame {

@@ -165,6 +165,17 @@ impl LightRig {
         self.changed(|factors| factors.map(|channel| channel.map(|counts| share * counts)))
     }
 
+    /// The same rig where each channel gains a share of its response at the frame's middle from there to the border, along x and
+    /// along y; the frame at rest stays.
+    pub fn fading(&self, uneven: [[f64; 2]; 3]) -> Self {
+        self.changed(|part| {
+            [0, 1, 2].map(|c| {
+                let ([one, x, y, xx, xy, yy], [along_x, along_y]) = (part[c], uneven[c].map(|share| share as f32));
+                [one, x + along_x * one, y + along_y * one, xx, xy, yy]
+            })
+        })
+    }
+
     /// The same light as another view of the same gel has it, whose place `u` (-1..=1 in x and y) is at `centre + half * u`
     /// of this one: every factor re-expressed, exactly. A view of the same size about the same middle changes no bit.
     pub fn on_view(&self, centre: [f64; 2], half: [f64; 2]) -> Self {
@@ -257,6 +268,19 @@ mod tests {
         let walls = Walls { steep: [[0.0; 6]; 3], across: [[8.0; 6]; 3], diagonal: [[0.0; 6]; 3] };
         let turned = LightRig { walls: Some(walls), ..rig }.varied([1.0; 3], [45.0; 3]).walls.unwrap();
         assert!(turned.across[0][0].abs() < 1e-5 && (turned.diagonal[0][0] - 8.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_rig_that_fades_otherwise_is_as_it_was_in_the_middle() {
+        let rig = LightRig::default();
+        let other = rig.fading([[0.3, -0.2], [0.0; 2], [0.0, 0.1]]);
+        for (c, [along_x, along_y]) in [[0.3, -0.2], [0.0; 2], [0.0, 0.1]].into_iter().enumerate() {
+            for (x, y) in [(0.0, 0.0), (1.0, 0.0), (-0.5, 0.8)] {
+                let expected = value(&rig.along_y[c], x, y) + rig.along_y[c][0] * (along_x * x + along_y * y);
+                assert!((value(&other.along_y[c], x, y) - expected).abs() < 1e-4, "{c} {x} {y}");
+            }
+        }
+        assert_eq!((rig.fading([[0.0; 2]; 3]), other.at_rest), (rig.clone(), rig.at_rest));
     }
 
     #[test]

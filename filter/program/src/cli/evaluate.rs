@@ -71,6 +71,10 @@ pub struct Evaluate {
     /// other press, camera, gel and light field
     #[arg(long, value_name = "N", requires = "scene", help_heading = "Episodes")]
     drawn_sensor: Option<u64>,
+    /// Touch under the N-th of the lights that a unit may have which nobody measured: lamps turned by up to 20 degrees, 0.7 to 1.4
+    /// times as strong, fading otherwise
+    #[arg(long, value_name = "N", requires = "scene", help_heading = "Episodes")]
+    drawn_light: Option<u64>,
     /// Recorded touches instead: the filter chooses among the touches of this dataset, each at most once
     #[arg(long, value_name = "DIR")]
     holes: Option<PathBuf>,
@@ -242,10 +246,13 @@ impl Evaluate {
             if let Some(number) = self.drawn_sensor {
                 scene.sensor = SensorRange::another(&scene.sensor, number);
             }
+            if let Some(number) = self.drawn_light {
+                scene.sensor = SensorRange::another_light(&scene.sensor, number);
+            }
             // A touched peg is another print than the one that a bank holds by default.
             let print = if self.which.side.is_hole() { 1 } else { 2 };
             let simulator = Simulator::new(scene, print)?;
-            let is_other = self.other.other_sensor || self.drawn_sensor.is_some();
+            let is_other = self.other.other_sensor || self.drawn_sensor.or(self.drawn_light).is_some();
             check_bank(bank, simulator.scene(), is_other)?;
             return Ok(OwnedHoles::Simulated(Arc::new(simulator), self.which.side));
         }
