@@ -7,6 +7,8 @@
 
 use std::collections::BTreeSet;
 
+use tactile_data::dataset::touch::Side;
+use tactile_infer::bank::views::Views;
 use tactile_infer::calibration::minimum::minimum;
 use tactile_infer::calibration::presence::{Felt, N_WEIGHTS, PresenceOdds, Shared, Tail, Verified, against_both, left};
 
@@ -25,6 +27,9 @@ const RIDGE: f64 = 1e-4;
 
 /// Where the search for strangers that share what was felt begins a second time: their offset, and the logarithm of how fast it grows.
 const SHARED: [f64; 2] = [0.5, 1.5];
+
+/// Which of the weights is of the number of touches.
+const BY_TOUCH: usize = 2;
 
 /// Weights, and what a stranger that shares what was felt is told by: its offset, and the logarithm of how fast it grows.
 const N: usize = N_WEIGHTS + 2;
@@ -80,7 +85,8 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     });
     let rows: Vec<Row> = rows.collect();
     let told = || Error::invalid("episodes", "strangers and parts that are named, and differ", "others");
-    let (numbers, cost) = fit(&rows).ok_or_else(told)?;
+    let setup = &evaluations[0].setup;
+    let (numbers, cost) = fit(&rows, is_counted(judged, setup.side, setup.views)).ok_or_else(told)?;
     let [offset, by_fit, by_touch, by_verifier, by_expected, ..] = numbers;
     let absent = evaluations.iter().filter(|of| of.setup.absent);
     let n_parts: Vec<f64> = absent.clone().map(|of| of.setup.parts.len() as f64 - 1.0).collect();
@@ -108,6 +114,12 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     let parts = absent.flat_map(|of| of.setup.parts.iter().map(|part| (&of.setup.scene, part)));
     let n_stranger_parts = parts.collect::<BTreeSet<_>>().len();
     Ok(Certified { odds: PresenceOdds { present, ..odds }, cost_bits: cost / std::f64::consts::LN_2, n_stranger_parts })
+}
+
+/// Whether the number of touches counts beside what each says. Not of holes on maps of pegs: there a verifier says little of some parts,
+/// and ten touches that say nothing would make them sure.
+fn is_counted(judged: bool, touched: Side, views: Views) -> bool {
+    !(judged && touched.is_hole() && views.is_pegs())
 }
 
 /// Refuses evaluations that do not go together.
@@ -213,8 +225,9 @@ impl Cost<'_> {
     }
 }
 
-/// The numbers of least cost (L-BFGS), and the cost, nats. `None` where one kind is missing or such numbers do not exist.
-fn fit(rows: &[Row]) -> Option<([f64; N], f64)> {
+/// The numbers of least cost (L-BFGS), and the cost, nats. `is_counted`: whether touches have a weight of their own. `None` where one kind
+/// is missing or such numbers do not exist.
+fn fit(rows: &[Row], is_counted: bool) -> Option<([f64; N], f64)> {
     let n = [false, true].map(|is_there| rows.iter().filter(|row| row.is_there == is_there).count() as f64);
     if n.contains(&0.0) {
         return None;
@@ -222,6 +235,7 @@ fn fit(rows: &[Row]) -> Option<([f64; N], f64)> {
     // What is the same in all rows has no weight of its own: no verifier.
     let is_used = std::array::from_fn(|at| match at {
         0 => true,
+        BY_TOUCH if !is_counted => false,
         at if at < N_WEIGHTS => rows.iter().any(|row| row.values[at] != rows[0].values[at]),
         _ => rows.iter().any(|row| row.felt_share.is_some()),
     });
@@ -263,7 +277,7 @@ mod tests {
     #[test]
     fn the_weights_are_the_log_odds_that_made_the_touches() {
         // 2 m / s^2 each: 0.8, and 2 * 0.6 / 4; the offset takes off what both have in common.
-        let (weights, cost) = fit(&rows(40_000)).unwrap();
+        let (weights, cost) = fit(&rows(40_000), true).unwrap();
         for (found, expected) in weights.iter().zip([-0.2, 0.8, 0.0, 0.3, 0.0]) {
             assert!((found - expected).abs() < 0.03, "{weights:?}");
         }
@@ -292,14 +306,31 @@ mod tests {
     }
 
     #[test]
+    fn holes_on_maps_of_pegs_are_told_without_their_number() {
+        let all =
+            [Side::Hole, Side::Peg].map(|side| [Views::Pegs, Views::Both].map(|views| is_counted(true, side, views)));
+        assert_eq!((all, is_counted(false, Side::Hole, Views::Pegs)), ([[false, true], [true, true]], true));
+        // Parts that are there were touched more often: a weight, unless touches are not counted.
+        let rows: Vec<Row> = rows(4_000)
+            .into_iter()
+            .map(|mut row| {
+                row.values[BY_TOUCH] = if row.is_there { 4.0 } else { 2.0 } + row.values[1].fract();
+                row
+            })
+            .collect();
+        let [counted, not] = [true, false].map(|is| fit(&rows, is).unwrap());
+        assert!(counted.0[BY_TOUCH] > 1.0 && not.0[BY_TOUCH] == 0.0 && counted.1 < not.1, "{counted:?} {not:?}");
+    }
+
+    #[test]
     fn kinds_that_differ_wholly_have_finite_weights_and_one_kind_none() {
         let row = |is_there: bool| {
             let values = [1.0, if is_there { 3.0 } else { -3.0 }, 2.0, 0.0, 0.0];
             Row { values, felt_share: None, is_there }
         };
-        let (weights, cost) = fit(&[row(true), row(false), row(true)]).unwrap();
+        let (weights, cost) = fit(&[row(true), row(false), row(true)], true).unwrap();
         assert!(weights.iter().all(|weight| weight.abs() < 50.0) && cost < 0.05 && weights[1] > 0.5, "{weights:?}");
-        assert!(fit(&[row(true), row(true)]).is_none());
+        assert!(fit(&[row(true), row(true)], true).is_none());
     }
 
     /// Strangers of two kinds: one half differs all over, the other only where the outline was not felt.
@@ -316,7 +347,7 @@ mod tests {
             let values = [1.0, mean + 1.5 * normal, 0.0, 0.0, 0.0];
             rows.push(Row { values, felt_share: Some(felt), is_there });
         }
-        let (numbers, _) = fit(&rows).unwrap();
+        let (numbers, _) = fit(&rows, true).unwrap();
         let odds =
             |value: f64, felt: f64| against_both(numbers[0] + numbers[1] * value, shared(&numbers).log_odds(felt));
         // A touch that is wholly like the part: one of (1 - c) / 2 strangers is, too.

@@ -154,7 +154,7 @@ pub struct PresenceOdds {
     pub offset: f64,
     /// What the fit adds, nats a standard deviation of one touch.
     pub by_fit: f64,
-    /// What each touch adds.
+    /// What each touch adds; 0 where holes are laid over maps of pegs.
     pub by_touch: f64,
     /// What a verifier's words add, a share of them; 0 where there is none.
     pub by_verifier: f64,
