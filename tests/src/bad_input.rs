@@ -318,10 +318,10 @@ fn sensors_that_say_nothing_of_each_other_are_named() {
     let calibrate = "tactile-infer calibrate --model model/model.safetensors --bank pegs.bank --out never.safetensors";
     names(&shell(&sample, &format!("{calibrate} --holes holes --holes holes")), &["--holes", "holes again"]);
     names(&shell(&sample, &format!("{calibrate} --holes holes --holes pegs")), &["pegs", "holes that show an edge"]);
-    names(
-        &shell(&sample, "tactile-data generate --scene maze --drawn-sensor 1 --out never"),
-        &["--drawn-sensor", "MAZE boards have sensors of their own"],
-    );
+    for flag in ["--drawn-sensor", "--drawn-light"] {
+        let line = format!("tactile-data generate --scene maze {flag} 1 --out never");
+        names(&shell(&sample, &line), &[flag, "MAZE boards have sensors of their own"]);
+    }
 }
 
 #[test]

@@ -197,7 +197,8 @@ fn strangers_are_told_from_parts(at: &Path, model: &str) {
         run("tactile-filter", at, &[&given[..], &ways, &to, more].concat())
     };
     evaluate(JUDGE, "there", &["--episodes", "120"]).done();
-    evaluate(JUDGE, "strangers", &["--episodes", "120", "--absent", "--drawn-sensor", "3"]).done();
+    evaluate(JUDGE, "strangers", &["--episodes", "120", "--absent", "--drawn-sensor", "3", "--drawn-light", "3"])
+        .done();
     let certify = |more: &[&str]| run("tactile-filter", at, &[&["certify", "there"], more].concat());
     assert!(
         certify(&["--maps", JUDGE]).failed().contains("100 or more with strangers (--absent), and as many without")

@@ -256,6 +256,11 @@ impl Episodes {
             comparisons: others.flat_map(compare).collect(),
             reliability: summary::reliability(&lead.outcomes),
             parts: if setup.absent { Vec::new() } else { summary::parts(&setup.parts, &lead.outcomes) },
+            strangers: if setup.absent {
+                summary::strangers(&setup.parts, &lead.outcomes, &lead.config)
+            } else {
+                Vec::new()
+            },
             command: Some(self.command.clone()),
             promise: None,
             checksum: Some(self.checksum()?),

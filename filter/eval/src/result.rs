@@ -73,6 +73,9 @@ pub struct Evaluation {
     /// How each part fares: the first way of inferring, after its last touch.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub parts: Vec<PartFigures>,
+    /// How each stranger fares: the first way of inferring, where it stops.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub strangers: Vec<StrangerFigures>,
     /// The command line that makes this evaluation again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command: Option<String>,
@@ -379,6 +382,33 @@ pub struct PartFigures {
     pub xy_mm_mean: f64,
     /// Mean angle to the true angle, degrees, modulo the part's symmetry.
     pub theta_deg_mean: f64,
+}
+
+/// The holes of one part that was taken out of the bank, where their episodes stop.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StrangerFigures {
+    /// Name of the part.
+    pub part: String,
+    /// Holes of it.
+    pub n: usize,
+    /// How many were recognised as none of the bank's parts.
+    pub n_none: usize,
+    /// The parts that were named with confidence, and how often, the most often named first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub named: Vec<(String, usize)>,
+}
+
+impl StrangerFigures {
+    /// How many were named with confidence.
+    pub fn n_named(&self) -> usize {
+        self.named.iter().map(|(_, n)| n).sum()
+    }
+
+    /// The parts that were named, and how often: `F (3), L (1)`; a dash where none was.
+    pub fn named_line(&self) -> String {
+        let named: Vec<String> = self.named.iter().map(|(part, n)| format!("{part} ({n})")).collect();
+        if named.is_empty() { "–".into() } else { named.join(", ") }
+    }
 }
 
 /// How long each stage of one touch took, milliseconds.

@@ -6,6 +6,7 @@ use crate::evaluate::{Outcome, Scored, StageTimes};
 use crate::origins::Origins;
 use crate::result::{
     Choice, Comparison, Inference, Latency, Method, PartFigures, Poses, Quantiles, ReliabilityBin, Row, Stops,
+    StrangerFigures,
 };
 use crate::statistics::bootstrap::clustered_95;
 use crate::statistics::mcnemar::Paired;
@@ -238,6 +239,25 @@ pub fn reliability(outcomes: &[Outcome]) -> Vec<ReliabilityBin> {
     RELIABILITY.windows(2).filter_map(bin).collect()
 }
 
+/// How the holes of each part that was taken out of the bank fared where they would have stopped by the rule of `config`; parts without a
+/// hole are left out.
+pub fn strangers(names: &[String], outcomes: &[Outcome], config: &EpisodeConfig) -> Vec<StrangerFigures> {
+    let of_part = |(part, name): (usize, &String)| {
+        let of: Vec<&Outcome> = outcomes.iter().filter(|outcome| outcome.part == part).collect();
+        let stops: Vec<(&Outcome, usize, StopReason)> =
+            of.iter().filter_map(|outcome| stopped(outcome, config).map(|(at, why)| (*outcome, at, why))).collect();
+        let sure = stops.iter().filter(|(.., why)| *why == StopReason::Confident);
+        let mut times = vec![0; names.len()];
+        sure.for_each(|(outcome, at, _)| times[outcome.scored[*at].named] += 1);
+        let mut named: Vec<(String, usize)> = names.iter().cloned().zip(times).filter(|(_, n)| *n > 0).collect();
+        // Stable: of equals the first in the bank.
+        named.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
+        let n_none = stops.iter().filter(|(.., why)| *why == StopReason::NoneOfThese).count();
+        (!of.is_empty()).then(|| StrangerFigures { part: name.clone(), n: of.len(), n_none, named })
+    };
+    names.iter().enumerate().filter_map(of_part).collect()
+}
+
 /// How the holes of each part fared after their last touch; parts without a hole are left out.
 pub fn parts(names: &[String], outcomes: &[Outcome]) -> Vec<PartFigures> {
     let of_part = |(part, name): (usize, &String)| {
@@ -306,6 +326,42 @@ mod tests {
         assert_eq!(stops.touches_to_95, (2 + 1 + 4) as f64 / 3.0);
         // Of 3 s a touch and 50 mm/s: two touches and 20 mm, one, two and 20 mm.
         assert!((stops.seconds.unwrap() - (6.4 + 3.0 + 6.4) / 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_stranger_is_named_or_none_where_its_episode_stops() {
+        let scored = |named: usize, stranger_rate: f64, present_rate: f64| Scored {
+            named,
+            probability: 0.99,
+            presence: Some(Presence { log_odds: 0.0, stranger_rate, present_rate }),
+            ..Scored::default()
+        };
+        let [unsure, none, sure] = [(0.5, 0.5), (0.5, 0.0), (0.0, 1.0)];
+        let outcome = |part: usize, touches: &[(usize, (f64, f64))]| Outcome {
+            part,
+            scored: touches.iter().map(|(named, (stranger, present))| scored(*named, *stranger, *present)).collect(),
+            ..Outcome::default()
+        };
+        let outcomes = [
+            outcome(0, &[(1, unsure), (2, sure), (1, sure)]),
+            outcome(0, &[(1, sure), (1, none)]),
+            outcome(0, &[(2, sure)]),
+            outcome(2, &[(1, unsure), (1, none), (1, sure)]),
+            outcome(2, &[(1, unsure), (1, unsure)]),
+        ];
+        let names = ["A", "B", "C", "D"].map(String::from);
+        let found = strangers(&names, &outcomes, &EpisodeConfig::default());
+        let of = |part: &str, n, n_none, named: &[(&str, usize)]| StrangerFigures {
+            part: part.into(),
+            n,
+            n_none,
+            named: named.iter().map(|(part, n)| ((*part).into(), *n)).collect(),
+        };
+        assert_eq!(found, [of("A", 3, 0, &[("C", 2), ("B", 1)]), of("C", 2, 1, &[])]);
+        assert_eq!(
+            (found[0].n_named(), found[0].named_line().as_str(), found[1].named_line().as_str()),
+            (3, "C (2), B (1)", "–")
+        );
     }
 
     /// By another way: an episode cut after n touches, whose stops are counted as those of an evaluation.

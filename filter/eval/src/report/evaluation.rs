@@ -7,7 +7,7 @@ use maud::{Markup, html};
 use super::cover::cover;
 use super::series::{Series, leading_filter, leading_stops, series, way};
 use super::steps::steps;
-use super::{PaperNumbers, PaperRow, comparison, parts, reliability, stopping};
+use super::{PaperNumbers, PaperRow, comparison, parts, reliability, stopping, strangers};
 use crate::error::Result;
 use crate::narrative::{Board, Narrative, viewer};
 use crate::page::curves::{Line, Marker, Point, chart, entry};
@@ -41,6 +41,7 @@ pub fn html(evaluation: &Evaluation, board: &Board, episodes: &[Narrative]) -> R
     // Without their parts in the bank, nothing is right and no pose is true.
     if evaluation.absent {
         sections.push(stopping::section(evaluation));
+        sections.extend(strangers::section(evaluation));
     } else {
         let lead = evaluation.rows.iter().find(|row| row.method == Method::Filter);
         let lead = lead.map_or(String::new(), |row| way(row.inference, row.action));

@@ -11,6 +11,7 @@ mod risk;
 pub(crate) mod series;
 mod steps;
 mod stopping;
+mod strangers;
 pub mod tradeoff;
 
 pub use evaluation::{html, write_report};

@@ -80,6 +80,10 @@ pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
         let (xy, theta) = (of.xy_mm_mean, of.theta_deg_mean);
         program::say(format_args!("  {part:28} {right} of {n} right{mistaken}; {xy:.2} mm, {theta:.2} degrees"));
     }
+    for of in evaluation.strangers.iter().filter(|of| of.n_named() > 0) {
+        let (part, n, named) = (&of.part, of.n, of.named_line());
+        program::say(format_args!("  {part:28} is not in the bank; of {n} holes named with confidence: {named}"));
+    }
     let ms = &evaluation.latency_ms;
     let stages =
         [("encode", Some(ms.encode)), ("update", Some(ms.update)), ("judge", ms.judge), ("choose", Some(ms.select))];
