@@ -7,7 +7,7 @@
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use tactile_data::frame::Preprocessing;
-use tactile_data::light::lamps::{Lamps, Quadratic, recolour};
+use tactile_data::light::lamps::{Lamps, recolour};
 
 use crate::smooth_field::{self, Field};
 
@@ -41,8 +41,8 @@ impl OtherLight {
         let together = between(STRONGER[0].ln());
         let strength = [0, 1, 2].map(|_| (together + between(STRONGER[1].ln())).exp());
         let turn_deg = [0, 1, 2].map(|_| between(TURN_DEG));
-        let uneven = [0, 1, 2].map(|_| [0, 1].map(|_| between(UNEVEN) as f32));
-        let lamps = fading(Lamps::default().varied(strength, turn_deg), uneven);
+        let uneven = [0, 1, 2].map(|_| [0, 1].map(|_| between(UNEVEN)));
+        let lamps = Lamps::default().varied(strength, turn_deg).fading(uneven);
         let colours = Lamps::default().mirrored(mirrored).change_to(&lamps, preprocessing.input_px);
         Self { mirrored, colours, field: smooth_field::draw(rng, FIELD_COUNTS, preprocessing) }
     }
@@ -73,17 +73,6 @@ impl OtherLight {
         }
         smooth_field::add(&self.field, planes, [width, height]);
     }
-}
-
-/// Each lamp gains so much of its strength at the middle from there to the border, along x and y.
-fn fading(lamps: Lamps, uneven: [[f32; 2]; 3]) -> Lamps {
-    let part = |part: [Quadratic; 3]| {
-        [0, 1, 2].map(|c| {
-            let ([one, x, y, xx, xy, yy], [along_x, along_y]) = (part[c], uneven[c]);
-            [one, x + along_x * one, y + along_y * one, xx, xy, yy]
-        })
-    };
-    Lamps { along_x: part(lamps.along_x), along_y: part(lamps.along_y) }
 }
 
 #[cfg(test)]
@@ -121,7 +110,7 @@ mod tests {
         for mirrored in [[false, false], [true, false], [false, true], [true, true]] {
             let (strength, turn_deg) = ([1.3, 0.8, 1.1], [12.0, -9.0, 4.0]);
             let uneven = [[0.2, -0.1], [0.0, 0.3], [-0.3, 0.1]];
-            let lamps = fading(Lamps::default().varied(strength, turn_deg), uneven);
+            let lamps = Lamps::default().varied(strength, turn_deg).fading(uneven);
             let colours = Lamps::default().mirrored(mirrored).change_to(&lamps, SIZE);
             let light = OtherLight { mirrored, colours, field: [[0.0; 5]; 3] };
             let normal = |planes: &[f32]| -> Vec<f32> {

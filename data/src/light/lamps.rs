@@ -87,6 +87,11 @@ impl Lamps {
         Self { along_x, along_y }
     }
 
+    /// The same lamps, where each gains a share of its strength at the middle from there to the border, along x and along y.
+    pub fn fading(&self, uneven: [[f64; 2]; 3]) -> Self {
+        Self { along_x: fading(&self.along_x, uneven), along_y: fading(&self.along_y, uneven) }
+    }
+
     /// The lamps under which a mirrored picture is, left and right or top and bottom exchanged.
     pub fn mirrored(&self, mirrored: [bool; 2]) -> Self {
         let sign = mirrored.map(|is| if is { -1.0 } else { 1.0 });
@@ -164,6 +169,14 @@ pub(crate) fn turned(along: [&[Quadratic; 3]; 2], strength: [f64; 3], turn_deg: 
     };
     let angle = turn_deg.map(|deg| deg.to_radians().sin_cos());
     [[0, 1, 2].map(|c| part(c, angle[c].1, -angle[c].0)), [0, 1, 2].map(|c| part(c, angle[c].0, angle[c].1))]
+}
+
+/// Each channel's answers, which gain a share of theirs at the middle from there to the border, along x and along y.
+pub(crate) fn fading(part: &[Quadratic; 3], uneven: [[f64; 2]; 3]) -> [Quadratic; 3] {
+    [0, 1, 2].map(|c| {
+        let ([one, x, y, xx, xy, yy], [along_x, along_y]) = (part[c], uneven[c].map(|share| share as f32));
+        [one, x + along_x * one, y + along_y * one, xx, xy, yy]
+    })
 }
 
 /// Lamps, with the size of the frame over which they are stated.

@@ -21,7 +21,7 @@ mod known;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::{Error, Result};
-use crate::light::lamps::{Lamps, on_view, turned};
+use crate::light::lamps::{Lamps, fading, on_view, turned};
 pub use crate::light::lamps::{Quadratic, value};
 use crate::text::suggest::with_closest;
 
@@ -168,12 +168,7 @@ impl LightRig {
     /// The same rig where each channel gains a share of its response at the frame's middle from there to the border, along x and
     /// along y; the frame at rest stays.
     pub fn fading(&self, uneven: [[f64; 2]; 3]) -> Self {
-        self.changed(|part| {
-            [0, 1, 2].map(|c| {
-                let ([one, x, y, xx, xy, yy], [along_x, along_y]) = (part[c], uneven[c].map(|share| share as f32));
-                [one, x + along_x * one, y + along_y * one, xx, xy, yy]
-            })
-        })
+        self.changed(|part| fading(part, uneven))
     }
 
     /// The same light as another view of the same gel has it, whose place `u` (-1..=1 in x and y) is at `centre + half * u`

@@ -247,9 +247,10 @@ pub fn strangers(names: &[String], outcomes: &[Outcome], config: &EpisodeConfig)
         let stops: Vec<(&Outcome, usize, StopReason)> =
             of.iter().filter_map(|outcome| stopped(outcome, config).map(|(at, why)| (*outcome, at, why))).collect();
         let sure = stops.iter().filter(|(.., why)| *why == StopReason::Confident);
-        let mut times = vec![0; names.len()];
-        sure.for_each(|(outcome, at, _)| times[outcome.scored[*at].named] += 1);
-        let mut named: Vec<(String, usize)> = names.iter().cloned().zip(times).filter(|(_, n)| *n > 0).collect();
+        let sure: Vec<usize> = sure.map(|(outcome, at, _)| outcome.scored[*at].named).collect();
+        let times = |named: usize| sure.iter().filter(|is| **is == named).count();
+        let named = names.iter().enumerate().map(|(named, name)| (name.clone(), times(named)));
+        let mut named: Vec<(String, usize)> = named.filter(|(_, n)| *n > 0).collect();
         // Stable: of equals the first in the bank.
         named.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
         let n_none = stops.iter().filter(|(.., why)| *why == StopReason::NoneOfThese).count();
