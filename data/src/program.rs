@@ -1,6 +1,7 @@
 //! What the `main` of every program does with its work: threads, the error in one line, the exit code.
 
 pub mod closed_output;
+pub mod drawn;
 pub mod progress;
 
 use std::fmt::Display;

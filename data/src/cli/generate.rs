@@ -9,9 +9,10 @@ use tactile_data::dataset::touch::Side;
 use tactile_data::light::calibrate::Calibration;
 use tactile_data::pose::se2::Se2;
 use tactile_data::program;
+use tactile_data::program::drawn::DrawnArgs;
 use tactile_data::program::progress;
 use tactile_data::scene::lab::Lab;
-use tactile_data::scene::{Parts, Scene, SensorRange};
+use tactile_data::scene::{Parts, Scene};
 use tactile_data::sensor::Fidelity;
 use tactile_data::{Error, Result};
 
@@ -63,13 +64,8 @@ pub struct Generate {
     /// geometry, gel, optics, camera or shadow [default: the scene's]
     #[arg(long, value_name = "TIER", help_heading = "Sensor")]
     fidelity: Option<Fidelity>,
-    /// Touch with the N-th of the sensors that a user may have instead of the scene's: other press, camera, gel and light field
-    #[arg(long, value_name = "N", help_heading = "Sensor")]
-    drawn_sensor: Option<u64>,
-    /// Touch under the N-th of the lights that a unit may have which nobody measured: lamps turned by up to 20 degrees, 0.7 to 1.4
-    /// times as strong, fading otherwise
-    #[arg(long, value_name = "N", help_heading = "Sensor")]
-    drawn_light: Option<u64>,
+    #[command(flatten, next_help_heading = "Sensor")]
+    drawn: DrawnArgs,
     /// Record as a lab does, which states no grid and no held-out boards. hole_offset=X,Y,DEG: the pose of the hole
     /// board in the peg board's frame, mm and degrees, which the stated poses leave out; pose_noise=MM,DEG: the
     /// standard deviation of each stated pose; missing=SHARE: the share of touches that are missing
@@ -154,17 +150,11 @@ impl Generate {
         if let Some(path) = &self.calibration {
             scene = scene.under(&Calibration::load(path)?)?;
         }
-        if let Some(number) = self.drawn_sensor {
-            scene.sensor = SensorRange::another(&scene.sensor, number);
-        }
-        if let Some(number) = self.drawn_light {
-            scene.sensor = SensorRange::another_light(&scene.sensor, number);
-        }
+        scene.sensor = self.drawn.sensor(&scene.sensor);
         match &mut scene.parts {
-            Parts::Maze(_) if self.drawn_sensor.or(self.drawn_light).is_some() => {
+            Parts::Maze(_) if self.drawn.flag().is_some() => {
                 let expected = "a scene of letters, solids, files or connectors: MAZE boards have sensors of their own";
-                let flag = if self.drawn_sensor.is_some() { "--drawn-sensor" } else { "--drawn-light" };
-                return Err(Error::invalid(flag, expected, scene.name));
+                return Err(Error::invalid(self.drawn.flag().unwrap_or_default(), expected, scene.name));
             }
             Parts::Maze(_) if self.of_kits().is_some() => {
                 let expected =

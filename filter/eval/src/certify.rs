@@ -116,7 +116,7 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     Ok(Certified { odds: PresenceOdds { present, ..odds }, cost_bits: cost / std::f64::consts::LN_2, n_stranger_parts })
 }
 
-/// Whether the number of touches counts beside what each says. Not of holes on maps of pegs: there a verifier says little of some parts,
+/// Whether the number of touches counts next to what each says. Not of holes on maps of pegs: there a verifier says little of some parts,
 /// and ten touches that say nothing would make them sure.
 fn is_counted(judged: bool, touched: Side, views: Views) -> bool {
     !(judged && touched.is_hole() && views.is_pegs())
@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_on_maps_of_pegs_are_told_without_their_number() {
+    fn holes_on_maps_of_pegs_are_judged_without_their_number() {
         let all =
             [Side::Hole, Side::Peg].map(|side| [Views::Pegs, Views::Both].map(|views| is_counted(true, side, views)));
         assert_eq!((all, is_counted(false, Side::Hole, Views::Pegs)), ([[false, true], [true, true]], true));

@@ -244,16 +244,14 @@ pub fn reliability(outcomes: &[Outcome]) -> Vec<ReliabilityBin> {
 pub fn strangers(names: &[String], outcomes: &[Outcome], config: &EpisodeConfig) -> Vec<StrangerFigures> {
     let of_part = |(part, name): (usize, &String)| {
         let of: Vec<&Outcome> = outcomes.iter().filter(|outcome| outcome.part == part).collect();
-        let stops: Vec<(&Outcome, usize, StopReason)> =
-            of.iter().filter_map(|outcome| stopped(outcome, config).map(|(at, why)| (*outcome, at, why))).collect();
-        let sure = stops.iter().filter(|(.., why)| *why == StopReason::Confident);
-        let sure: Vec<usize> = sure.map(|(outcome, at, _)| outcome.scored[*at].named).collect();
-        let times = |named: usize| sure.iter().filter(|is| **is == named).count();
+        let stop = |outcome: &&Outcome| stopped(outcome, config).map(|(at, why)| (why, outcome.scored[at].named));
+        let stops: Vec<(StopReason, usize)> = of.iter().filter_map(stop).collect();
+        let times = |named: usize| stops.iter().filter(|stop| **stop == (StopReason::Confident, named)).count();
         let named = names.iter().enumerate().map(|(named, name)| (name.clone(), times(named)));
         let mut named: Vec<(String, usize)> = named.filter(|(_, n)| *n > 0).collect();
         // Stable: of equals the first in the bank.
         named.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
-        let n_none = stops.iter().filter(|(.., why)| *why == StopReason::NoneOfThese).count();
+        let n_none = stops.iter().filter(|(why, _)| *why == StopReason::NoneOfThese).count();
         (!of.is_empty()).then(|| StrangerFigures { part: name.clone(), n: of.len(), n_none, named })
     };
     names.iter().enumerate().filter_map(of_part).collect()

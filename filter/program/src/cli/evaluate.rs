@@ -10,8 +10,9 @@ use tactile_data::file::output;
 use tactile_data::file::output_lock::OutputLock;
 use tactile_data::light::calibrate::Calibration;
 use tactile_data::program;
+use tactile_data::program::drawn::DrawnArgs;
 use tactile_data::program::progress::reporter;
-use tactile_data::scene::{Scene, SensorRange};
+use tactile_data::scene::Scene;
 use tactile_data::sensor::simulator::Simulator;
 use tactile_eval::banks::Banks;
 use tactile_eval::episodes::{EPISODES_SCHEMA, Episodes, RunResult, Setup, Single};
@@ -67,14 +68,6 @@ pub struct Evaluate {
     /// With --scene: simulate your sensor, as `tactile-data calibrate` measured it, instead of the scene's
     #[arg(long, value_name = "FILE.toml", requires = "scene")]
     calibration: Option<PathBuf>,
-    /// With --scene: touch with the N-th of the sensors that a user may have instead of the scene's, as tactile-data generate does:
-    /// other press, camera, gel and light field
-    #[arg(long, value_name = "N", requires = "scene", help_heading = "Episodes")]
-    drawn_sensor: Option<u64>,
-    /// Touch under the N-th of the lights that a unit may have which nobody measured: lamps turned by up to 20 degrees, 0.7 to 1.4
-    /// times as strong, fading otherwise
-    #[arg(long, value_name = "N", requires = "scene", help_heading = "Episodes")]
-    drawn_light: Option<u64>,
     /// Recorded touches instead: the filter chooses among the touches of this dataset, each at most once
     #[arg(long, value_name = "DIR")]
     holes: Option<PathBuf>,
@@ -91,6 +84,8 @@ pub struct Evaluate {
     /// Where holes are touched: at recorded poses, as in the paper, or anywhere
     #[arg(long, value_name = "POSES", value_parser = poses(), default_value = "on-grid", help_heading = "Episodes")]
     poses: Poses,
+    #[command(flatten, next_help_heading = "Episodes")]
+    drawn: DrawnArgs,
     #[command(flatten, next_help_heading = "Episodes")]
     seeds: Seeds,
     /// Prints of each part that episodes take turns with: they differ in their layer lines, and the first has those of
@@ -243,16 +238,11 @@ impl Evaluate {
     fn touched(&self, bank: &Bank) -> Result<OwnedHoles> {
         if let Some(scene) = &self.scene {
             let mut scene = self.bank_sensors_scene(scene)?;
-            if let Some(number) = self.drawn_sensor {
-                scene.sensor = SensorRange::another(&scene.sensor, number);
-            }
-            if let Some(number) = self.drawn_light {
-                scene.sensor = SensorRange::another_light(&scene.sensor, number);
-            }
+            scene.sensor = self.drawn.sensor(&scene.sensor);
             // A touched peg is another print than the one that a bank holds by default.
             let print = if self.which.side.is_hole() { 1 } else { 2 };
             let simulator = Simulator::new(scene, print)?;
-            let is_other = self.other.other_sensor || self.drawn_sensor.or(self.drawn_light).is_some();
+            let is_other = self.other.other_sensor || self.drawn.flag().is_some();
             check_bank(bank, simulator.scene(), is_other)?;
             return Ok(OwnedHoles::Simulated(Arc::new(simulator), self.which.side));
         }
