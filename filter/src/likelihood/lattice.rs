@@ -11,7 +11,7 @@ use tactile_infer::bank::between::Around;
 use tactile_infer::bank::neighbours::{Across, Neighbours};
 
 use crate::likelihood::cosine_bounds::PartBounds;
-use crate::likelihood::interpolation::{Fading, ViewWeights, directed, trust};
+use crate::likelihood::interpolation::{Fading, directed, trust};
 use crate::likelihood::nearest::Nearest;
 use crate::likelihood::softplus::softplus;
 use crate::simd;
@@ -123,12 +123,13 @@ impl LatticeWeights {
     }
 
     /// The weights at one of the xs and one of the ys.
-    pub fn weights(&self, x: usize, y: usize) -> Option<ViewWeights> {
-        ViewWeights::of([self.xs[x], self.ys[y], self.theta], self.strides)
+    #[cfg(test)]
+    pub fn weights(&self, x: usize, y: usize) -> Option<crate::likelihood::interpolation::ViewWeights> {
+        crate::likelihood::interpolation::ViewWeights::of([self.xs[x], self.ys[y], self.theta], self.strides)
     }
 
-    /// [`ViewWeights::cosine`] at all places, x slowest, from the cosines with one part's views, `[grid.len()]`: for few places
-    /// near each other, which share most of what is around them. Without neighbours [`ViewWeights::value`].
+    /// `ViewWeights::cosine` at all places, x slowest, from the cosines with one part's views, `[grid.len()]`: for few places
+    /// near each other, which share most of what is around them. Without neighbours `ViewWeights::value`.
     pub(crate) fn cosines_of_few(&self, cells: &[f32], neighbours: Option<&Neighbours>) -> Vec<f32> {
         let mut cosines = self.values_of_few(cells);
         if let Some(neighbours) = neighbours {
@@ -141,16 +142,30 @@ impl LatticeWeights {
     fn values_of_few(&self, cells: &[f32]) -> Vec<f32> {
         let ([of_x, of_y, _], n_ys) = (self.strides, self.ys.len());
         let (around_x, around_y) = (seen(&self.xs), seen(&self.ys));
-        let at = |(x, y): (usize, usize)| self.theta.value(|theta| cells[x * of_x + y * of_y + theta]);
-        let all = around_x.clone().flat_map(|x| around_y.clone().map(move |y| (x, y)));
-        let of_angle: Vec<f32> = all.map(at).collect();
+        let mut of_angle = vec![0.0; around_y.len()];
         let mut of_ys = Vec::with_capacity(around_x.len() * n_ys);
-        for line in of_angle.chunks_exact(around_y.len().max(1)) {
-            of_ys.extend(self.ys.iter().map(|y| y.value(|y| line[y - around_y.start])));
+        for x in around_x.clone() {
+            for (value, y) in of_angle.iter_mut().zip(around_y.clone()) {
+                *value = self.theta.value(|theta| cells[x * of_x + y * of_y + theta]);
+            }
+            of_ys.extend(self.ys.iter().map(|y| y.value(|y| of_angle[y - around_y.start])));
         }
-        let of_x =
-            |x: &Around| (0..n_ys).map(|y| x.value(|x| of_ys[(x - around_x.start) * n_ys + y])).collect::<Vec<_>>();
-        self.xs.iter().flat_map(of_x).collect()
+        let mut values = Vec::with_capacity(self.xs.len() * n_ys);
+        for x in &self.xs {
+            values.extend((0..n_ys).map(|y| x.value(|x| of_ys[(x - around_x.start) * n_ys + y])));
+        }
+        values
+    }
+
+    /// The nearest view of each place, x slowest; `None` where the view is unknown.
+    pub(crate) fn nearest(&self) -> impl Iterator<Item = Option<Nearest>> {
+        let of_ys: Vec<Fading> = self.ys.iter().map(|y| Fading::of(y.outside)).collect();
+        let of_theta = Fading::of(self.theta.outside);
+        (0..self.xs.len() * of_ys.len()).map(move |place| {
+            let (x, y) = (place / of_ys.len(), place % of_ys.len());
+            let trust = Fading::of(self.xs[x].outside).and(of_theta).and(of_ys[y]).trust()?;
+            Some(Nearest { cell: self.cell(x, y), trust })
+        })
     }
 
     /// Whether the view from any state is known.
@@ -229,8 +244,8 @@ impl LatticeWeights {
         [most(of_xs, &states[0]), most(of_ys, &states[1])]
     }
 
-    /// [`ViewWeights::cosine`] at the states of a window, x slowest, from the cosines with one part's recorded views as
-    /// [`in_planes`] has them; without neighbours [`ViewWeights::value`].
+    /// `ViewWeights::cosine` at the states of a window, x slowest, from the cosines with one part's recorded views as
+    /// [`in_planes`] has them; without neighbours `ViewWeights::value`.
     pub fn cosines(&self, planes: &[f32], neighbours: Option<&Neighbours>, window: [Range<usize>; 2]) -> Vec<f32> {
         let [xs, ys] = window;
         let states = Window { theta: &self.theta, xs: &self.xs[xs], ys: &self.ys[ys], n: self.n_xy };
@@ -271,7 +286,7 @@ impl Window<'_> {
         values
     }
 
-    /// Makes interpolated cosines those with the interpolated embeddings' directions, as [`ViewWeights::cosine`] does.
+    /// Makes interpolated cosines those with the interpolated embeddings' directions, as `ViewWeights::cosine` does.
     #[inline(always)]
     fn direct(self, cosines: &mut [f32], neighbours: &Neighbours, on_the_way: &mut [f32]) {
         let Self { theta, xs, ys, n } = self;
@@ -281,16 +296,22 @@ impl Window<'_> {
         let (of_ys, rest) = rest.split_at_mut(n * n_states);
         let (of_places, rest) = rest.split_at_mut(n);
         let (of_theta, of_states) = rest.split_at_mut(n);
-        let seen = seen(xs);
-        let seen = seen.start * n..seen.end * n;
+        let (seen_x, seen_y) = (seen(xs), seen(ys));
+        let seen = seen_x.start * n..seen_x.end * n;
         squares_of(theta, |(theta, k)| &neighbours.plane(2, k, theta)[seen.clone()], &mut along_theta[seen.clone()]);
-        let between = |axis: usize| [1, 2, 3].map(|k| between_angles(theta, |theta| neighbours.plane(axis, k, theta)));
-        let [of_x, of_y] = [between(0), between(1)];
-        along_y(ys, of_places, of_ys, |y, out| squares_of(y, |(y, k)| &of_y[k - 1][y * n..][..n], out));
-        let across = AcrossAtAngle::of(theta, neighbours);
+        let between = |axis: usize, seen: &Range<usize>| {
+            let lines = seen.start * n..seen.end * n;
+            [1, 2, 3].map(|k| between_angles(theta, |theta| &neighbours.plane(axis, k, theta)[lines.clone()]))
+        };
+        let of_x = between(0, &seen_x);
+        let of_y = between(1, &seen_y);
+        along_y(ys, of_places, of_ys, |y, out| {
+            squares_of(y, |(y, k)| &of_y[k - 1][(y - seen_y.start) * n..][..n], out);
+        });
+        let across = AcrossAtAngle::of(theta, neighbours, &seen_x, n);
         let half_ys: Vec<_> = ys.iter().map(|y| (y.indices, y.half_weights())).collect();
         for (x, cosines) in xs.iter().zip(cosines.chunks_exact_mut(n_states)) {
-            squares_of(x, |(x, k)| &of_x[k - 1][x * n..][..n], of_places);
+            squares_of(x, |(x, k)| &of_x[k - 1][(x - seen_x.start) * n..][..n], of_places);
             line_between(x, |x| &along_theta[x * n..][..n], of_theta);
             of_places.iter_mut().zip(&*of_theta).for_each(|(square, theta)| *square *= theta);
             line_between(x, |x| &of_ys[x * n_states..][..n_states], of_states);
@@ -311,8 +332,9 @@ impl Window<'_> {
 }
 
 /// How much more the squared lengths at one angle are than the products of those along each axis, as
-/// [`ViewWeights`] has it: planes, x slowest.
+/// `ViewWeights` has it: planes, x slowest, from `first_x` on.
 struct AcrossAtAngle<'a> {
+    first_x: usize,
     xy: Vec<f32>,
     x_theta: Vec<f32>,
     y_theta: &'a [f32],
@@ -320,19 +342,20 @@ struct AcrossAtAngle<'a> {
 }
 
 impl<'a> AcrossAtAngle<'a> {
-    fn of(theta: &Around, neighbours: &'a Neighbours) -> Option<Self> {
+    fn of(theta: &Around, neighbours: &'a Neighbours, seen_x: &Range<usize>, n: usize) -> Option<Self> {
         let ([_, low, high, _], (half, of)) = (theta.indices, theta.half_weights());
-        let plane = |axes, theta| neighbours.across(axes, theta);
+        let plane = |axes, theta| Some(&neighbours.across(axes, theta)?[seen_x.start * n..seen_x.end * n]);
         let all = plane(Across::Xy, low)?.iter().zip(plane(Across::Xy, high)?).zip(plane(Across::All, low)?);
         let xy = all.map(|((low, high), all)| of[0] * low + of[1] * high + half * all).collect();
         let x_theta = plane(Across::XTheta, low)?.iter().map(|value| half * value).collect();
-        Some(Self { xy, x_theta, y_theta: plane(Across::YTheta, low)?, half_theta: half })
+        Some(Self { first_x: seen_x.start, xy, x_theta, y_theta: plane(Across::YTheta, low)?, half_theta: half })
     }
 
     /// For a place along x, at each recorded place along y: what counts half way to the next one along y, and what there.
     #[inline(always)]
     fn add_along_x(&self, x: &Around, n: usize, [half_way, there]: [&mut [f32]; 2]) {
         let ([_, low, high, _], (half, of)) = (x.indices, x.half_weights());
+        let (low, high) = (low - self.first_x, high - self.first_x);
         let line = |plane: &'a [f32], x: usize| &plane[x * n..][..n];
         let of = of.map(|weight| weight * self.half_theta);
         let thetas = line(self.y_theta, low).iter().zip(line(self.y_theta, high));
@@ -411,6 +434,7 @@ fn along_y(ys: &[Around], line: &mut [f32], found: &mut [f32], find: impl Fn(&Ar
 mod tests {
     use super::*;
     use crate::checks::synthetic::World;
+    use crate::likelihood::interpolation::ViewWeights;
     use proptest::prelude::*;
     use rand::SeedableRng;
     use rand::rngs::ChaCha8Rng;

@@ -175,11 +175,7 @@ impl TouchLikelihood {
     pub(crate) fn on_few(&self, lattice: &LatticeWeights, part: usize, n_cells: usize) -> Vec<Option<(Nearest, f32)>> {
         let neighbours = self.neighbours.as_ref().map(|neighbours| &neighbours[part]);
         let cosines = lattice.cosines_of_few(&self.similarities[part * n_cells..(part + 1) * n_cells], neighbours);
-        let at = |(place, cosine): (usize, f32)| {
-            let weights = lattice.weights(place / lattice.n_ys(), place % lattice.n_ys())?;
-            Some((Nearest { cell: weights.cell, trust: weights.trust }, cosine))
-        };
-        cosines.into_iter().enumerate().map(at).collect()
+        lattice.nearest().zip(cosines).map(|(nearest, cosine)| Some((nearest?, cosine))).collect()
     }
 
     /// The log-likelihood at the states of a lattice, as [`Self::log_between`] would find each near a row that was recorded,

@@ -412,7 +412,7 @@ where
 
 /// Multiplies each value by the inner product of the query with its row of whole numbers; in i32, for rows of up to
 /// [`MAX_DIM`].
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn times_dots_whole(query: &[i16], rows: &[i8], values: &mut [f32]) {
     for (value, row) in values.iter_mut().zip(rows.chunks_exact(query.len())) {
         *value *= whole_query_dot(query, row);

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use crate::embedding::architecture::{ConvLayer, NetworkConfig};
-use crate::embedding::conv::{Conv, Packed, Panels};
+use crate::embedding::conv::{Conv, Packed, Padded, Panels};
 use crate::embedding::threads;
 use crate::error::{Error, Result};
 use crate::safefile::NamedTensor;
@@ -182,7 +182,7 @@ impl Dense {
         let n_out = self.shift.len();
         let mut out = vec![0.0; rows.len() / self.n_in * n_out];
         let least = if self.is_rectified { 0.0 } else { f32::NEG_INFINITY };
-        threads::for_each_block(&mut out, ROWS_AT_ONCE * n_out, Vec::new, |scratch, at, out| {
+        threads::for_each_block(&mut out, ROWS_AT_ONCE * n_out, Padded::default, |scratch, at, out| {
             let rows = &rows[at * ROWS_AT_ONCE * self.n_in..][..out.len() / n_out * self.n_in];
             self.panels.multiply(rows, self.n_in, scratch, out);
             for row in out.chunks_exact_mut(n_out) {

@@ -68,14 +68,15 @@ impl Start {
 /// nothing holds it, stays where it was. A start without a covariance stays.
 pub fn align(touches: &[Drawing<'_>], mosaic: &Mosaic<'_>, start: &Start) -> Aligned {
     let mut pose = start.part_from_first;
+    let pixels: Vec<Pixel> = touches.iter().flat_map(pixels_of).collect();
     let Some(information) = inverse(start.covariance) else {
-        let sums = Sums::of(touches, mosaic, &pose, (&pose, [[0.0; 3]; 3]));
+        let sums = Sums::of(&pixels, mosaic, &pose, (&pose, [[0.0; 3]; 3]));
         let n = sums.n.max(1.0);
         let overlap = sums.n / sums.n_all.max(1.0);
         return Aligned { part_from_first: pose, covariance: start.covariance, cost: sums.cost / n, overlap };
     };
     let prior = (&start.part_from_first, information);
-    let sums_at = |pose: &Se2| Sums::of(touches, mosaic, pose, prior);
+    let sums_at = |pose: &Se2| Sums::of(&pixels, mosaic, pose, prior);
     let mut sums = sums_at(&pose);
     for _ in 0..STEPS {
         let Some(covariance) = inverse(sums.squares) else { break };
@@ -93,6 +94,24 @@ pub fn align(touches: &[Drawing<'_>], mosaic: &Mosaic<'_>, start: &Start) -> Ali
     Aligned { part_from_first: pose, covariance, cost: sums.cost / n, overlap: sums.n / sums.n_all.max(1.0) }
 }
 
+/// What a touch shows of a place.
+#[derive(Clone, Copy, Debug)]
+struct Pixel {
+    first_mm: [f64; 2],
+    distance_mm: f64,
+    error_mm: f64,
+}
+
+/// The pixels of a touch that are compared.
+fn pixels_of(touch: &Drawing<'_>) -> impl Iterator<Item = Pixel> {
+    let Drawing { map, first_from_sensor } = *touch;
+    map.places_mm(EVERY).map(move |(at, place_mm)| Pixel {
+        first_mm: first_from_sensor.apply(place_mm),
+        distance_mm: f64::from(map.distance_mm[at]),
+        error_mm: f64::from(map.error_mm[at]),
+    })
+}
+
 /// What a pose costs, its derivatives, and the squares that Gauss and Newton take for the second ones.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
@@ -105,14 +124,9 @@ struct Sums {
 }
 
 impl Sums {
-    fn of(
-        touches: &[Drawing<'_>],
-        mosaic: &Mosaic<'_>,
-        pose: &Se2,
-        (start, information): (&Se2, [[f64; 3]; 3]),
-    ) -> Self {
-        let mut sums = Self::default();
-        touches.iter().for_each(|touch| sums.add(touch, mosaic, pose));
+    fn of(pixels: &[Pixel], mosaic: &Mosaic<'_>, pose: &Se2, (start, information): (&Se2, [[f64; 3]; 3])) -> Self {
+        let mut sums = Self { n_all: pixels.len() as f64, ..Self::default() };
+        sums.add(pixels, mosaic, pose);
         let mean = sums.cost / sums.n.max(1.0);
         let share = 1.0 / (SHARED * (mean / USUAL_COST).max(1.0));
         sums.slopes.iter_mut().chain(sums.squares.as_flattened_mut()).for_each(|sum| *sum *= share);
@@ -128,24 +142,19 @@ impl Sums {
         sums
     }
 
-    /// Adds what a touch costs.
-    fn add(&mut self, touch: &Drawing<'_>, mosaic: &Mosaic<'_>, pose: &Se2) {
-        let Drawing { map, first_from_sensor } = touch;
-        let [width, height] = map.size_px;
+    /// Adds what pixels cost.
+    fn add(&mut self, pixels: &[Pixel], mosaic: &Mosaic<'_>, pose: &Se2) {
         let (sin, cos) = pose.theta_rad.sin_cos();
-        let rows = (0..height).step_by(EVERY);
-        for at in rows.flat_map(|row| (0..width).step_by(EVERY).map(move |column| row * width + column)) {
-            self.n_all += 1.0;
-            let [x, y] = first_from_sensor.apply(map.place_mm(at));
+        for Pixel { first_mm: [x, y], distance_mm, error_mm } in pixels {
             let turned = [cos * x - sin * y, sin * x + cos * y];
             let Some(there) = mosaic.slope([turned[0] + pose.x_mm, turned[1] + pose.y_mm]) else { continue };
             self.n += 1.0;
             // What is not known of either counts for as little.
-            let error = (f64::from(map.error_mm[at]).powi(2) + there.error_mm.powi(2)).sqrt();
-            let off = (there.distance_mm - f64::from(map.distance_mm[at])) / error;
+            let error = (error_mm.powi(2) + there.error_mm.powi(2)).sqrt();
+            let off = (there.distance_mm - distance_mm) / error;
             let weight = if off.abs() > FAR { FAR / off.abs() } else { 1.0 };
             self.cost += weight * off * off * (1.0 - 0.5 * weight);
-            let [by_x, by_y] = there.by_xy.map(|by| by / error);
+            let (by_x, by_y) = (there.by_xy[0] / error, there.by_xy[1] / error);
             let slope = [by_x, by_y, by_y * turned[0] - by_x * turned[1]];
             for row in 0..3 {
                 self.slopes[row] += weight * off * slope[row];

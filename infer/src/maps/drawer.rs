@@ -171,8 +171,23 @@ impl DrawnMap {
 
     /// The middle of a pixel about the middle of the view, mm; `at` counts by rows.
     pub fn place_mm(&self, at: usize) -> [f64; 2] {
-        let pixel = [at % self.size_px[0], at / self.size_px[0]];
-        [0, 1].map(|axis| ((pixel[axis] as f64 + 0.5) / self.size_px[axis] as f64 - 0.5) * self.view_mm[axis])
+        [self.along(0, at % self.size_px[0]), self.along(1, at / self.size_px[0])]
+    }
+
+    /// Each so many pixels along both axes, by rows: which one it is, and its [`Self::place_mm`].
+    pub fn places_mm(&self, every: usize) -> impl Iterator<Item = (usize, [f64; 2])> {
+        let [width, height] = self.size_px;
+        let xs: Vec<(usize, f64)> = (0..width).step_by(every).map(|column| (column, self.along(0, column))).collect();
+        let of_row = move |row: usize| {
+            let y = self.along(1, row);
+            xs.iter().map(|(column, x)| (row * width + column, [*x, y])).collect::<Vec<_>>()
+        };
+        (0..height).step_by(every).flat_map(of_row)
+    }
+
+    /// The middle of a pixel along an axis, mm.
+    fn along(&self, axis: usize, pixel: usize) -> f64 {
+        ((pixel as f64 + 0.5) / self.size_px[axis] as f64 - 0.5) * self.view_mm[axis]
     }
 
     /// The same where the pictures show so much, mm: the network measures in pixels, so that distances grow with the view.

@@ -20,6 +20,9 @@ pub const N_VALUES: usize = 5;
 const ERROR: usize = 3;
 const N_SEEN: usize = 4;
 
+/// The values of a cell: distance, inside, contact, error and how often it was seen.
+type Cell = [f32; N_VALUES];
+
 /// More cells along a side than any part has: 150 mm.
 const MOST_CELLS: usize = 512;
 
@@ -39,9 +42,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// From its values in a cell's order.
-    fn of(value: impl Fn(usize) -> f32) -> Self {
-        let [distance_mm, inside, contact, error_mm, n_seen] = [0, 1, 2, ERROR, N_SEEN].map(value);
+    fn of([distance_mm, inside, contact, error_mm, n_seen]: Cell) -> Self {
         Self { distance_mm, inside, contact, error_mm, n_seen }
     }
 
@@ -93,8 +94,8 @@ pub struct Mosaic<'a> {
     /// Whose touches it is of.
     side: Side,
     n: usize,
-    /// `[n, n, N_VALUES]`.
-    values: &'a [f32],
+    /// `[n, n]`.
+    cells: &'a [Cell],
     outline_mm: &'a [[f64; 2]],
 }
 
@@ -191,17 +192,20 @@ struct Corners {
 
 impl Corners {
     /// `place`: column and row, within the raster of `width` and `height`.
+    #[inline(always)]
     fn of(place: [f64; 2], [width, height]: [usize; 2]) -> Self {
-        let [left, top] = [(place[0], width), (place[1], height)].map(|(v, n)| (v as usize).min(n.saturating_sub(2)));
+        let first = |place: f64, n: usize| (place as usize).min(n.saturating_sub(2));
+        let (left, top) = (first(place[0], width), first(place[1], height));
         let first = top * width + left;
         let at = [first, first + 1, first + width, first + width + 1];
         Self { at, across: (place[0] - left as f64) as f32, down: (place[1] - top as f64) as f32 }
     }
 
+    #[inline(always)]
     fn between(&self, value: impl Fn(usize) -> f32) -> f32 {
-        let [a, b, c, d] = self.at.map(value);
-        (1.0 - self.down) * ((1.0 - self.across) * a + self.across * b)
-            + self.down * ((1.0 - self.across) * c + self.across * d)
+        let [a, b, c, d] = self.at;
+        (1.0 - self.down) * ((1.0 - self.across) * value(a) + self.across * value(b))
+            + self.down * ((1.0 - self.across) * value(c) + self.across * value(d))
     }
 }
 
@@ -286,7 +290,7 @@ impl Mosaics {
         let at = usize::from(self.side_for(side) == Side::Hole);
         let (n_of_part, which) = (self.n * self.n * N_VALUES, at * self.n_parts() + part);
         let values = &self.values[which * n_of_part..][..n_of_part];
-        Mosaic { side: SIDES[at], n: self.n, values, outline_mm: &self.outlines_mm[which] }
+        Mosaic { side: SIDES[at], n: self.n, cells: values.as_chunks().0, outline_mm: &self.outlines_mm[which] }
     }
 
     /// The mosaics of some of the parts, in their order.
@@ -294,7 +298,7 @@ impl Mosaics {
         let mut values = Vec::with_capacity(self.n_sides * parts.len() * self.n * self.n * N_VALUES);
         let mut outlines_mm = Vec::with_capacity(self.n_sides * parts.len());
         for part in self.sides().iter().flat_map(|side| parts.iter().map(|part| self.of(*part, *side))) {
-            values.extend_from_slice(part.values);
+            values.extend_from_slice(part.cells.as_flattened());
             outlines_mm.push(part.outline_mm.to_vec());
         }
         Self { values, outlines_mm, ..*self }
@@ -303,7 +307,7 @@ impl Mosaics {
 
 /// The middles of the cells, `[n, n, N_VALUES]`, within half a cell of the outline, mm: each counts for [`CELL_MM`] of its length.
 fn outline_mm(values: &[f32], n: usize) -> Vec<[f64; 2]> {
-    let cells = values.chunks_exact(N_VALUES).map(|values| Place::of(|at| values[at])).enumerate();
+    let cells = values.as_chunks().0.iter().map(|cell| Place::of(*cell)).enumerate();
     let is_on_it = |place: &Place| place.n_seen > 0.0 && f64::from(place.distance_mm.abs()) <= 0.5 * CELL_MM;
     cells.filter(|(_, place)| is_on_it(place)).map(|(at, _)| [at % n, at / n].map(|cell| middle(n, cell))).collect()
 }
@@ -327,14 +331,16 @@ impl<'a> Mosaic<'a> {
 
     /// A cell, by its column and row, each below [`Self::n`]: the place about the part's origin, mm, and what is there.
     pub fn cell(&self, column: usize, row: usize) -> ([f64; 2], Place) {
-        let values = &self.values[(row * self.n + column) * N_VALUES..][..N_VALUES];
-        ([column, row].map(|cell| middle(self.n, cell)), Place::of(|at| values[at]))
+        ([column, row].map(|cell| middle(self.n, cell)), Place::of(self.cells[row * self.n + column]))
     }
 
     /// What is at a place of the part, mm; `None` where no touch showed it.
+    #[inline(always)]
     pub fn at(&self, place_mm: [f64; 2]) -> Option<Place> {
         let corners = self.corners(place_mm)?;
-        Some(Place::of(|which| corners.between(|at| self.values[at * N_VALUES + which])))
+        // One by one: an array's `map` is not inlined.
+        let between = |which: usize| corners.between(|at| self.cells[at][which]);
+        Some(Place::of([between(0), between(1), between(2), between(3), between(4)]))
     }
 
     /// Whether each place is inside the outline, as pixels `step_mm` wide: their number along an axis, and rows from the top. What no touch
@@ -376,23 +382,32 @@ impl<'a> Mosaic<'a> {
     }
 
     /// The distance at a place and how it changes.
+    #[inline(always)]
     pub(super) fn slope(&self, place_mm: [f64; 2]) -> Option<Slope> {
         let corners = self.corners(place_mm)?;
-        let [a, b, c, d] = corners.at.map(|at| f64::from(self.values[at * N_VALUES]));
+        let distance = |corner: usize| f64::from(self.cells[corners.at[corner]][0]);
+        let (a, b, c, d) = (distance(0), distance(1), distance(2), distance(3));
         let (across, down) = (f64::from(corners.across), f64::from(corners.down));
-        let [top, bottom] = [a + across * (b - a), c + across * (d - c)];
+        let (top, bottom) = (a + across * (b - a), c + across * (d - c));
         let by_x = (1.0 - down) * (b - a) + down * (d - c);
-        let by_xy = [by_x, bottom - top].map(|by_cell| by_cell / CELL_MM);
-        let error_mm = f64::from(corners.between(|at| self.values[at * N_VALUES + ERROR]));
+        let by_xy = [by_x / CELL_MM, (bottom - top) / CELL_MM];
+        let error_mm = f64::from(corners.between(|at| self.cells[at][ERROR]));
         Some(Slope { distance_mm: top + down * (bottom - top), by_xy, error_mm })
     }
 
     /// The four cells round a place, where all were seen.
-    fn corners(&self, place_mm: [f64; 2]) -> Option<Corners> {
-        let place = place_mm.map(|mm| mm / CELL_MM + 0.5 * self.n as f64 - 0.5);
-        let is_within = place.iter().all(|at| (0.0..=(self.n - 1) as f64).contains(at));
-        let corners = is_within.then(|| Corners::of(place, [self.n, self.n]))?;
-        corners.at.iter().all(|at| self.values[at * N_VALUES + N_SEEN] > 0.0).then_some(corners)
+    #[inline(always)]
+    fn corners(&self, [x_mm, y_mm]: [f64; 2]) -> Option<Corners> {
+        let (column, row) = (self.place(x_mm)?, self.place(y_mm)?);
+        let corners = Corners::of([column, row], [self.n, self.n]);
+        corners.at.iter().all(|at| self.cells[*at][N_SEEN] > 0.0).then_some(corners)
+    }
+
+    /// Where along an axis of cells a place is; `None` beyond the middles of the outermost.
+    #[inline(always)]
+    fn place(&self, mm: f64) -> Option<f64> {
+        let place = mm / CELL_MM + 0.5 * self.n as f64 - 0.5;
+        (0.0..=(self.n - 1) as f64).contains(&place).then_some(place)
     }
 }
 

@@ -84,7 +84,7 @@ pub fn compared((touch, side): (&DrawnMap, Side), mosaic: &Mosaic<'_>, part_from
     let share = |share: f32| 2.0 * share - 1.0;
     let far = OUTLINE_REACH_MM as f32;
     let mut out = vec![0.0; width * height * N_COMPARED];
-    for (at, out) in out.chunks_exact_mut(N_COMPARED).enumerate() {
+    for (out, (at, place_mm)) in out.as_chunks_mut::<N_COMPARED>().0.iter_mut().zip(touch.places_mm(1)) {
         let (mm, error) = (touch.distance_mm[at], touch.error_mm[at]);
         out[..OF_PART.start].copy_from_slice(&[
             mm / far,
@@ -92,7 +92,7 @@ pub fn compared((touch, side): (&DrawnMap, Side), mosaic: &Mosaic<'_>, part_from
             share(touch.inside[at]),
             share(touch.contact[at]),
         ]);
-        if let Some(there) = mosaic.at(part_from_sensor.apply(touch.place_mm(at))) {
+        if let Some(there) = mosaic.at(part_from_sensor.apply(place_mm)) {
             let off = (there.distance_mm - mm) / (error * error + there.error_mm * there.error_mm).sqrt();
             let off = off.clamp(-MOST_ERRORS, MOST_ERRORS) / MOST_ERRORS;
             let own = [there.distance_mm / far, there.error_mm.ln() + 1.0, share(there.inside), share(there.contact)];

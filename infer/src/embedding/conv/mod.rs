@@ -13,13 +13,17 @@ mod card;
 mod norm;
 #[cfg(feature = "burn")]
 pub mod op;
+mod padded;
 mod plan;
 mod tile;
 mod winograd;
 
+use std::cell::Cell;
+
 use pulp::Arch;
 use rayon::prelude::*;
 
+pub use padded::Padded;
 use plan::Gather;
 pub use plan::Panels;
 use winograd::{Scratch, Windows};
@@ -164,6 +168,25 @@ impl Conv {
     }
 }
 
+thread_local! {
+    static SCRATCH: Cell<Scratch> = Cell::default();
+}
+
+/// The thread's scratch space, while a convolution has it.
+struct Kept(Scratch);
+
+impl Kept {
+    fn take() -> Self {
+        Self(SCRATCH.take())
+    }
+}
+
+impl Drop for Kept {
+    fn drop(&mut self) {
+        SCRATCH.set(std::mem::take(&mut self.0));
+    }
+}
+
 /// Images of `lengths[0]` values through a convolution to images of `lengths[1]`.
 fn correlate(
     images: &[f32],
@@ -173,7 +196,7 @@ fn correlate(
 ) -> Vec<f32> {
     let n = packed.images_at_once();
     let n_values = images.len() / lengths[0] * lengths[1];
-    threads::made_by_blocks(n_values, n * lengths[1], Scratch::default, |scratch, at, out| {
+    threads::made_by_blocks(n_values, n * lengths[1], Kept::take, |Kept(scratch), at, out| {
         let images = &images[at * n * lengths[0]..][..out.len() / lengths[1] * lengths[0]];
         packed.correlate(images, scratch, out);
         out.chunks_exact_mut(lengths[1]).enumerate().for_each(|(i, out)| finish(n * at + i, out));

@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use pulp::{Simd, WithSimd};
 
-use super::tile::{Sums, columns, gather, lanes, outer, rows, write};
+use super::padded::{Layout, Padded};
+use super::tile::{Sums, VECTORS, columns, gather, lanes, outer, rows, tiles, write};
 use super::{Conv, arch};
 
 /// Pixels of the gradient that are taken together.
@@ -97,17 +98,12 @@ impl Gather {
         self.taps_x.len() * self.source[2]
     }
 
-    fn padded_length(&self) -> usize {
-        (self.source[0] + 2 * self.pad) * (self.source[1] + 2 * self.pad) * self.source[2]
-    }
-
-    /// Copies an image into the middle of `padded`, which is all zeros elsewhere.
-    fn fill(&self, image: &[f32], padded: &mut [f32]) {
-        let row = (self.source[1] + 2 * self.pad) * self.source[2];
-        let length = self.source[1] * self.source[2];
-        for (y, line) in image.chunks_exact(length).enumerate() {
-            let start = (y + self.pad) * row + self.pad * self.source[2];
-            padded[start..start + length].copy_from_slice(line);
+    fn layout(&self) -> Layout {
+        let ([height, width, n_channels], pad) = (self.source, self.pad);
+        Layout {
+            size: [height + 2 * pad, (width + 2 * pad) * n_channels],
+            before: [pad, pad * n_channels],
+            row: width * n_channels,
         }
     }
 
@@ -117,7 +113,7 @@ impl Gather {
     }
 }
 
-/// Weights in panels: for each block of output channels, each run and each place in it, the block's
+/// Weights in panels: for each [tile](tiles) of output channels, each run and each place in it, the tile's
 /// weights side by side, zeros beyond the last channel.
 #[derive(Clone, Debug)]
 pub struct Panels {
@@ -128,10 +124,10 @@ pub struct Panels {
 impl Panels {
     /// `weight(plan, [ky, kx], input channel, output channel)` gives each weight.
     pub fn new(plans: Vec<Gather>, n_out: usize, weight: impl Fn(usize, [usize; 2], usize, usize) -> f32) -> Self {
-        let width = arch().dispatch(Columns);
+        let tiles = arch().dispatch(Tiles(n_out));
         let pack = |(at, plan): (usize, Gather)| {
             let mut panels = Vec::new();
-            for first in (0..n_out).step_by(width) {
+            for [first, width] in tiles.iter().copied() {
                 for ky in &plan.taps_y {
                     for kx in &plan.taps_x {
                         for c in 0..plan.source[2] {
@@ -147,13 +143,13 @@ impl Panels {
     }
 
     /// One image, `[height, width, channels]`, into `out`. `padded` is scratch, kept between images.
-    pub fn correlate(&self, image: &[f32], padded: &mut Vec<f32>, out: &mut [f32]) {
+    pub fn correlate(&self, image: &[f32], padded: &mut Padded, out: &mut [f32]) {
         let plans = self.plans.iter().map(|(plan, panels)| (plan, panels.as_slice())).collect();
         arch().dispatch(Correlate { plans, n_out: self.n_out, image, padded, out });
     }
 
     /// Rows of numbers, `[n, channels]`, as the pixels of one image: what a linear layer is to a kernel of one.
-    pub fn multiply(&self, rows: &[f32], n_in: usize, padded: &mut Vec<f32>, out: &mut [f32]) {
+    pub fn multiply(&self, rows: &[f32], n_in: usize, padded: &mut Padded, out: &mut [f32]) {
         let size = [1, rows.len() / n_in];
         let plan = Gather::forward(&Conv { n_in, n_out: self.n_out, kernel: 1, stride: 1, size });
         let plans = self.plans.iter().map(|(_, panels)| (&plan, panels.as_slice())).collect();
@@ -161,7 +157,19 @@ impl Panels {
     }
 }
 
-/// Channels in a tile of the machine at hand.
+/// The tiles of so many channels on the machine at hand.
+struct Tiles(usize);
+
+impl WithSimd for Tiles {
+    type Output = Vec<[usize; 2]>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Vec<[usize; 2]> {
+        tiles::<S>(self.0).collect()
+    }
+}
+
+/// Channels in a full tile of the machine at hand.
 pub(super) struct Columns;
 
 impl WithSimd for Columns {
@@ -173,20 +181,20 @@ impl WithSimd for Columns {
     }
 }
 
-/// Calls `$run::<S, ROWS>` with a constant number of rows.
+/// Calls `$run::<S, ROWS, ...>` with a constant number of rows.
 macro_rules! with_rows {
-    ($n:expr, $run:ident :: <$simd:ty> $arguments:tt) => {
+    ($n:expr, $run:ident :: <$simd:ty $(, $vectors:literal)?> $arguments:tt) => {
         match $n {
-            1 => $run::<$simd, 1> $arguments,
-            2 => $run::<$simd, 2> $arguments,
-            3 => $run::<$simd, 3> $arguments,
-            4 => $run::<$simd, 4> $arguments,
-            5 => $run::<$simd, 5> $arguments,
-            6 => $run::<$simd, 6> $arguments,
-            7 => $run::<$simd, 7> $arguments,
-            8 => $run::<$simd, 8> $arguments,
-            9 => $run::<$simd, 9> $arguments,
-            _ => $run::<$simd, 10> $arguments,
+            1 => $run::<$simd, 1 $(, $vectors)?> $arguments,
+            2 => $run::<$simd, 2 $(, $vectors)?> $arguments,
+            3 => $run::<$simd, 3 $(, $vectors)?> $arguments,
+            4 => $run::<$simd, 4 $(, $vectors)?> $arguments,
+            5 => $run::<$simd, 5 $(, $vectors)?> $arguments,
+            6 => $run::<$simd, 6 $(, $vectors)?> $arguments,
+            7 => $run::<$simd, 7 $(, $vectors)?> $arguments,
+            8 => $run::<$simd, 8 $(, $vectors)?> $arguments,
+            9 => $run::<$simd, 9 $(, $vectors)?> $arguments,
+            _ => $run::<$simd, 10 $(, $vectors)?> $arguments,
         }
     };
 }
@@ -197,7 +205,7 @@ struct Correlate<'a> {
     plans: Vec<(&'a Gather, &'a [f32])>,
     n_out: usize,
     image: &'a [f32],
-    padded: &'a mut Vec<f32>,
+    padded: &'a mut Padded,
     out: &'a mut [f32],
 }
 
@@ -209,46 +217,42 @@ impl WithSimd for Correlate<'_> {
         let n_out = self.n_out;
         // All plans of a convolution read the same padded image.
         let Some((first, _)) = self.plans.first() else { return };
-        if self.padded.len() != first.padded_length() {
-            self.padded.clear();
-            self.padded.resize(first.padded_length(), 0.0);
-        }
-        first.fill(self.image, self.padded);
+        let padded = self.padded.of(self.image, first.layout());
         for (plan, panels) in &self.plans {
-            let (panels, _) = S::as_simd_f32s(panels);
-            let length = plan.starts.len() * plan.run() * columns::<S>() / S::F32_LANES;
-            for (block, panel) in panels.chunks_exact(length.max(1)).enumerate() {
-                let channels = block * columns::<S>()..(block + 1).min(n_out.div_ceil(columns::<S>())) * columns::<S>();
-                let channels = channels.start..channels.end.min(n_out);
+            let (mut panels, _) = S::as_simd_f32s(panels);
+            let n_places = plan.starts.len() * plan.run();
+            for [first, width] in tiles::<S>(n_out) {
+                let (panel, rest) = panels.split_at(n_places * width / S::F32_LANES);
+                panels = rest;
+                let channels = first..n_out.min(first + width);
                 for at in (0..plan.bases.len()).step_by(rows::<S>()) {
                     let pixels = at..(at + rows::<S>()).min(plan.bases.len());
-                    with_rows!(
-                        pixels.len(),
-                        correlate_tile::<S>(simd, plan, self.padded, panel, pixels, channels.clone(), n_out, self.out)
-                    );
+                    let to = (pixels.clone(), channels.clone(), n_out);
+                    if width == S::F32_LANES {
+                        with_rows!(pixels.len(), correlate_tile::<S, 1>(simd, (plan, panel), padded, to, self.out));
+                    } else {
+                        with_rows!(pixels.len(), correlate_tile::<S, 2>(simd, (plan, panel), padded, to, self.out));
+                    }
                 }
             }
         }
     }
 }
 
+/// Some pixels of some channels, of so many, into `out`.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn correlate_tile<S: Simd, const ROWS: usize>(
+fn correlate_tile<S: Simd, const ROWS: usize, const VECTORS: usize>(
     simd: S,
-    plan: &Gather,
+    (plan, panel): (&Gather, &[S::f32s]),
     image: &[f32],
-    panel: &[S::f32s],
-    pixels: Range<usize>,
-    channels: Range<usize>,
-    n_out: usize,
+    (pixels, channels, n_out): (Range<usize>, Range<usize>, usize),
     out: &mut [f32],
 ) {
     let bases = &plan.bases[pixels.clone()];
-    let sums: Sums<S, ROWS> = gather(simd, image, bases, &plan.starts, plan.run(), panel);
+    let sums: Sums<S, ROWS, VECTORS> = gather(simd, image, bases, &plan.starts, plan.run(), panel);
     for (sums, target) in sums.iter().zip(&plan.targets[pixels]) {
         let line = &mut out[target * n_out..][channels.clone()];
-        write::<S>(sums, line);
+        write::<S, VECTORS>(sums, line);
     }
 }
 
@@ -271,7 +275,8 @@ impl WithSimd for Outer<'_> {
         let mut sums = vec![0.0; plan.starts.len() * run * n_padded]; // [ky, kx, n_in, n_padded]
         // Small images are taken together: sums are read and written once for each lot of pixels.
         let together = (PIXELS_AT_ONCE / n_pixels).max(1);
-        let length = plan.padded_length();
+        let layout = plan.layout();
+        let length = layout.len();
         let mut padded = vec![0.0; together * length];
         let bases: Vec<usize> =
             (0..together).flat_map(|image| plan.bases.iter().map(move |base| image * length + base)).collect();
@@ -284,7 +289,7 @@ impl WithSimd for Outer<'_> {
         let lots = self.images.chunks(together * in_length).zip(self.gradient.chunks(together * n_pixels * n_out));
         for (images, gradient) in lots {
             for (image, padded) in images.chunks_exact(in_length).zip(padded.chunks_exact_mut(length)) {
-                plan.fill(image, padded);
+                layout.copy(image, padded);
             }
             let bases = &bases[..gradient.len() / n_out];
             let pixels = bases.chunks(PIXELS_AT_ONCE).zip(gradient.chunks(PIXELS_AT_ONCE * n_out));
@@ -344,7 +349,7 @@ fn outer_tile<S: Simd, const ROWS: usize>(
     [first, n_padded]: [usize; 2],
     sums: &mut [f32],
 ) {
-    let added: Sums<S, ROWS> = outer(simd, image, bases, start, panel);
+    let added: Sums<S, ROWS, VECTORS> = outer(simd, image, bases, start, panel);
     for (added, line) in added.iter().zip(sums.chunks_mut(n_padded)) {
         let line = &mut line[first..first + columns::<S>()];
         for (sum, value) in line.iter_mut().zip(lanes::<S>(added)) {

@@ -9,8 +9,9 @@ use pulp::{Simd, WithSimd};
 use crate::embedding::threads;
 
 use super::axis::{Axis, Inputs, Outputs, OutputsBack, Square, Weights, WeightsBack};
+use super::padded::{Layout, Padded};
 use super::plan::{Columns, with_rows};
-use super::tile::{Sums, columns, gather, lanes, outer, rows, write};
+use super::tile::{Sums, VECTORS, columns, gather, lanes, outer, rows, tiles, write};
 use super::{Conv, Weight, arch};
 
 /// Channels are a multiple of it: the widest vectors at hand. Matrices lie this much farther apart than they are long, so
@@ -33,10 +34,10 @@ pub struct Windows {
     axes: [Axis; 2],
 }
 
-/// What one thread keeps between images.
+/// What one thread keeps between images, and between convolutions: made anew it would be set to zero each time.
 #[derive(Debug, Default)]
 pub struct Scratch {
-    pub padded: Vec<f32>,
+    pub padded: Padded,
     factors: Vec<f32>,
     sums: Vec<f32>,
 }
@@ -84,27 +85,16 @@ impl Windows {
     /// The windows of some images as a matrix `[n_images * n_windows, n_channels]` for each product, `apart` from each
     /// other.
     #[inline(always)]
-    fn transform<S: Simd>(
-        &self,
-        simd: S,
-        images: &[f32],
-        padded: &mut Vec<f32>,
-        (apart, factors): (usize, &mut [f32]),
-    ) {
+    fn transform<S: Simd>(&self, simd: S, images: &[f32], padded: &mut Padded, (apart, factors): (usize, &mut [f32])) {
         let (n_channels, [rows, columns], [height, width]) = (self.n_in, self.counts(), self.size);
         let ([step_y, step_x], [n_y, n_x]) = (self.axes.map(Axis::outputs), self.products());
         let length = height * width * n_channels;
         let line = (step_x * columns + 2) * n_channels;
-        let padded_length = (step_y * rows + 2) * line;
-        if padded.len() != padded_length {
-            padded.clear();
-            padded.resize(padded_length, 0.0);
-        }
+        let (size, row) = ([step_y * rows + 2, line], width * n_channels);
+        let layout = Layout { size, before: [1, n_channels], row };
         let mut square = Square::new(simd);
         for (at, image) in images.chunks_exact(length).enumerate() {
-            for (y, pixels) in image.chunks_exact(width * n_channels).enumerate() {
-                padded[(y + 1) * line + n_channels..][..width * n_channels].copy_from_slice(pixels);
-            }
+            let padded = padded.of(image, layout);
             for window in 0..rows * columns {
                 let corner = window / columns * step_y * line + window % columns * step_x * n_channels;
                 let row = at * rows * columns + window;
@@ -145,7 +135,7 @@ impl Windows {
 #[derive(Clone, Debug)]
 pub struct Packed {
     windows: Windows,
-    /// `[blocks, products, n_in, columns]`, a block being a tile's columns of output channels.
+    /// `[tiles, products, n_in, width]`, of the [tiles] of output channels.
     panels: Vec<f32>,
 }
 
@@ -176,25 +166,27 @@ impl WithSimd for Pack<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) -> Vec<f32> {
-        let (windows, width) = (self.windows, columns::<S>());
-        let length = windows.n_products() * windows.n_in * width;
-        let mut panels = vec![0.0; windows.n_out.div_ceil(width) * length];
-        let pack = |(): &mut (), block: usize, panels: &mut [f32]| {
-            let channels = block * width..windows.n_out.min((block + 1) * width);
+        let windows = self.windows;
+        let n_places = windows.n_products() * windows.n_in;
+        let mut panels = vec![0.0; n_places * tiles::<S>(windows.n_out).map(|[_, width]| width).sum::<usize>()];
+        // All are full but the last.
+        let pack = |(): &mut (), tile: usize, panels: &mut [f32]| {
+            let first = tile * columns::<S>();
+            let channels = first..windows.n_out.min(first + panels.len() / n_places);
             // Threads begin with narrow vectors.
             arch().dispatch(PackBlock { windows, weight: self.weight, channels, panels });
         };
-        threads::for_each_block(&mut panels, length, || (), pack);
+        threads::for_each_block(&mut panels, n_places * columns::<S>(), || (), pack);
         panels
     }
 }
 
-/// `G g G^T` of one block of output channels.
+/// `G g G^T` of one tile of output channels.
 struct PackBlock<'a> {
     windows: Windows,
     weight: &'a Weight<'a>,
     channels: std::ops::Range<usize>,
-    panels: &'a mut [f32], // [products, n_in, columns]
+    panels: &'a mut [f32], // [products, n_in, width]
 }
 
 impl WithSimd for PackBlock<'_> {
@@ -203,7 +195,8 @@ impl WithSimd for PackBlock<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Windows { n_in, axes, .. } = self.windows;
-        let ([n_y, n_x], width) = (self.windows.products(), columns::<S>());
+        let [n_y, n_x] = self.windows.products();
+        let width = self.panels.len() / (n_y * n_x * n_in);
         let mut square = Square::new(simd);
         let mut line = vec![0.0; S::F32_LANES];
         for c in 0..n_in {
@@ -226,6 +219,14 @@ impl WithSimd for PackBlock<'_> {
             }
         }
     }
+}
+
+/// The first values of some that are kept, so many: anything.
+fn grown(kept: &mut Vec<f32>, n: usize) -> &mut [f32] {
+    if kept.len() < n {
+        kept.resize(n, 0.0);
+    }
+    &mut kept[..n]
 }
 
 #[inline(always)]
@@ -256,19 +257,23 @@ impl WithSimd for Correlate<'_> {
         let (n_products, n_x) = (windows.n_products(), windows.products()[1]);
         let n_rows = windows.n_rows(self.images);
         let [factors_apart, sums_apart] = [n_in, n_out].map(|n| n_rows * n + LANES);
-        factors.resize(n_products * factors_apart, 0.0);
+        let factors = grown(factors, n_products * factors_apart);
         windows.transform(simd, self.images, padded, (factors_apart, factors));
-        sums.resize(n_products * sums_apart, 0.0);
+        let sums = grown(sums, n_products * sums_apart);
         for (k, sums) in sums.chunks_exact_mut(sums_apart).enumerate() {
             let matrix = &factors[k * factors_apart..][..n_rows * n_in];
-            for first in (0..n_out).step_by(columns::<S>()) {
-                let panel = &panels[(first * n_products + k * columns::<S>()) * n_in..][..n_in * columns::<S>()];
+            for [first, width] in tiles::<S>(n_out) {
+                let panel = &panels[(first * n_products + k * width) * n_in..][..n_in * width];
                 let (panel, _) = S::as_simd_f32s(panel);
                 for at in (0..n_rows).step_by(rows::<S>()) {
                     let n = rows::<S>().min(n_rows - at);
                     let sums = &mut sums[at * n_out + first..n_rows * n_out];
                     let matrix = &matrix[at * n_in..];
-                    with_rows!(n, multiply_tile::<S>(simd, matrix, n_in, panel, [first, n_out], sums));
+                    if width == S::F32_LANES {
+                        with_rows!(n, multiply_tile::<S, 1>(simd, matrix, n_in, panel, [first, n_out], sums));
+                    } else {
+                        with_rows!(n, multiply_tile::<S, 2>(simd, matrix, n_in, panel, [first, n_out], sums));
+                    }
                 }
             }
         }
@@ -292,7 +297,7 @@ impl WithSimd for Correlate<'_> {
 /// Some rows of a matrix times one panel of another.
 #[expect(clippy::too_many_arguments, reason = "an inner loop: everything in registers")]
 #[inline(always)]
-fn multiply_tile<S: Simd, const ROWS: usize>(
+fn multiply_tile<S: Simd, const ROWS: usize, const VECTORS: usize>(
     simd: S,
     matrix: &[f32],
     n_in: usize,
@@ -301,10 +306,10 @@ fn multiply_tile<S: Simd, const ROWS: usize>(
     sums: &mut [f32],
 ) {
     let bases: [usize; ROWS] = std::array::from_fn(|i| i * n_in);
-    let made: Sums<S, ROWS> = gather(simd, matrix, &bases, &[0], n_in, panel);
+    let made: Sums<S, ROWS, VECTORS> = gather(simd, matrix, &bases, &[0], n_in, panel);
     for (made, line) in made.iter().zip(sums.chunks_mut(n_out)) {
-        let n = columns::<S>().min(n_out - first);
-        write::<S>(made, &mut line[..n]);
+        let n = (VECTORS * S::F32_LANES).min(n_out - first);
+        write::<S, VECTORS>(made, &mut line[..n]);
     }
 }
 
@@ -327,7 +332,7 @@ pub fn weight_gradient(windows: &Windows, images: &[f32], gradient: &[f32]) -> V
     for (images, gradient) in images.chunks(BLOCKS * in_length).zip(gradient.chunks(BLOCKS * out_length)) {
         let n_images = images.len() / (in_length / at_once);
         let blocks = &mut blocks[..length * n_images.div_ceil(at_once)];
-        threads::for_each_block(blocks, length, Vec::new, |padded, at, block| {
+        threads::for_each_block(blocks, length, Padded::default, |padded, at, block| {
             let images = &images[at * in_length..images.len().min((at + 1) * in_length)];
             let gradient = &gradient[at * out_length..gradient.len().min((at + 1) * out_length)];
             arch().dispatch(TransformBlock { windows, images, gradient, apart, padded, block });
@@ -408,7 +413,7 @@ struct TransformBlock<'a> {
     gradient: &'a [f32],
     /// How far the matrices of two products are apart: of factors, of panels `[blocks, rows, columns]`.
     apart: [usize; 2],
-    padded: &'a mut Vec<f32>,
+    padded: &'a mut Padded,
     block: &'a mut [f32],
 }
 
@@ -484,7 +489,7 @@ fn outer_tile<S: Simd, const ROWS: usize>(
     panel: &[S::f32s],
     sums: &mut [f32],
 ) {
-    let added: Sums<S, ROWS> = outer(simd, matrix, bases, c, panel);
+    let added: Sums<S, ROWS, VECTORS> = outer(simd, matrix, bases, c, panel);
     for (added, line) in added.iter().zip(sums.chunks_exact_mut(columns::<S>())) {
         for (sum, value) in line.iter_mut().zip(lanes::<S>(added)) {
             *sum += value;
