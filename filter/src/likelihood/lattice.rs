@@ -78,8 +78,8 @@ pub struct LatticeWeights {
     theta: Around,
     ys: Vec<Around>,
     xs: Vec<Around>,
-    /// What counts for theta, and for each of the xs and ys.
-    counting: (Counting, [Vec<Counting>; 2]),
+    /// What counts for theta, and for each of the xs and ys, once that was asked for.
+    counting: OnceCell<(Counting, [Vec<Counting>; 2])>,
     faded: OnceCell<Vec<Faded>>,
 }
 
@@ -108,9 +108,13 @@ impl LatticeWeights {
     pub fn at(views: &PoseGrid, theta_rad: f64, xs: &[f64], ys: &[f64]) -> Self {
         let around = |places: &[f64]| places.iter().map(|mm| Around::x_or_y(views, *mm)).collect();
         let (theta, xs, ys) = (Around::theta(views, theta_rad), around(xs), around(ys));
-        let counting =
-            (Counting::of(&theta), [&xs, &ys].map(|axis: &Vec<Around>| axis.iter().map(Counting::of).collect()));
-        Self { n_xy: views.n_xy(), strides: views.strides(), theta, ys, xs, counting, faded: OnceCell::new() }
+        let (counting, faded) = (OnceCell::new(), OnceCell::new());
+        Self { n_xy: views.n_xy(), strides: views.strides(), theta, ys, xs, counting, faded }
+    }
+
+    fn counting(&self) -> &(Counting, [Vec<Counting>; 2]) {
+        let of_axis = |axis: &Vec<Around>| axis.iter().map(Counting::of).collect();
+        self.counting.get_or_init(|| (Counting::of(&self.theta), [&self.xs, &self.ys].map(of_axis)))
     }
 
     /// On the grid `views`, for the states at angle `angle` of the grid `states`, after the motion `first_from_sensor`.
@@ -228,13 +232,13 @@ impl LatticeWeights {
     /// The largest cosine that a view at a state may count with, from the largest with any of the part's recorded views
     /// at each angle, `[n_theta]`.
     pub fn most(&self, best_of_angles: &[f32]) -> f32 {
-        (self.counting.0.best(|theta| best_of_angles[theta]) + ABOVE_BEST).min(1.0)
+        (self.counting().0.best(|theta| best_of_angles[theta]) + ABOVE_BEST).min(1.0)
     }
 
     /// The largest cosine that a view at each of the places along x, and along y, may count with: [`ABOVE_BEST`] above
     /// the best recorded view on the lines around it, at the angles around.
     pub(crate) fn most_on_lines(&self, bounds: PartBounds<'_>) -> [Vec<f32>; 2] {
-        let (theta, states) = &self.counting;
+        let (theta, states) = self.counting();
         let most = |lines: &[f32], states: &[Counting]| -> Vec<f32> {
             let of_angles = lines.chunks_exact(bounds.of_angles.len());
             let of_lines: Vec<f32> = of_angles.map(|line| theta.best(|theta| line[theta])).collect();

@@ -172,10 +172,15 @@ impl TouchLikelihood {
 
     /// [`Self::between`] at each place of a lattice of few places, x slowest, with the nearest view; `None` where the view
     /// is unknown.
-    pub(crate) fn on_few(&self, lattice: &LatticeWeights, part: usize, n_cells: usize) -> Vec<Option<(Nearest, f32)>> {
+    pub(crate) fn on_few(
+        &self,
+        lattice: &LatticeWeights,
+        part: usize,
+        n_cells: usize,
+    ) -> impl Iterator<Item = Option<(Nearest, f32)>> {
         let neighbours = self.neighbours.as_ref().map(|neighbours| &neighbours[part]);
         let cosines = lattice.cosines_of_few(&self.similarities[part * n_cells..(part + 1) * n_cells], neighbours);
-        lattice.nearest().zip(cosines).map(|(nearest, cosine)| Some((nearest?, cosine))).collect()
+        lattice.nearest().zip(cosines).map(|(nearest, cosine)| Some((nearest?, cosine)))
     }
 
     /// The log-likelihood at the states of a lattice, as [`Self::log_between`] would find each near a row that was recorded,
