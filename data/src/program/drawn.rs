@@ -8,8 +8,8 @@ use crate::sensor::SensorSpec;
 /// Another sensor than the scene's, drawn.
 #[derive(Args)]
 pub struct DrawnArgs {
-    /// With --scene: touch with the N-th of the sensors that a user may have instead of the scene's: other press, camera, gel and light
-    /// field
+    /// With --scene: touch with the N-th of the sensors that a user may have instead of the scene's: other camera, gel and light field,
+    /// pressed 0.6 to 1.5 times as deep
     #[arg(long, value_name = "N", requires = "scene")]
     drawn_sensor: Option<u64>,
     /// With --scene: touch under the N-th of the lights that a unit may have which nobody measured: lamps turned by up to 20 degrees,

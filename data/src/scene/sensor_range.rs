@@ -65,11 +65,14 @@ impl SensorRange {
     }
 
     /// The `number`-th of the sensors that a user may have instead of `spec`: other press, camera, gel and smooth light field,
-    /// of the same view and lamps, which are stated or measured. Drawn from the default ranges.
+    /// of the same view and lamps, which are stated or measured. Drawn from the default ranges; of the depth as a multiple of the
+    /// default one, so that what is pressed deep stays so.
     pub fn another(spec: &SensorSpec, number: u64) -> SensorSpec {
         let mut rng = frame_rng(u64::from_be_bytes(*b"sensors "), number);
         let gel_length_mm = uniform(&mut rng, GEL_LENGTH_MM);
-        Self { scale: [1.0; 2], ..Self::default() }.draw(SensorSpec { gel_length_mm, ..spec.clone() }, &mut rng)
+        let (range, times) = (Self::default(), spec.depth_mm / SensorSpec::default().depth_mm);
+        let depth_mm = range.depth_mm.map(|mm| times * mm);
+        Self { scale: [1.0; 2], depth_mm, ..range }.draw(SensorSpec { gel_length_mm, ..spec.clone() }, &mut rng)
     }
 
     /// `spec` with the `number`-th of the lights that a unit may have which nobody measured: each lamp turned, stronger or weaker, and
@@ -162,6 +165,13 @@ mod tests {
         let gels: Vec<f64> = drawn.iter().map(|spec| spec.gel_length_mm).collect();
         assert!(gels.iter().all(|mm| (0.8..=1.8).contains(mm)) && gels.iter().any(|mm| *mm < 1.1));
         assert!(gels.iter().any(|mm| *mm > 1.5));
+        // Three times as deep, and as uneven for that.
+        let deep = SensorSpec { depth_mm: 1.8, depth_jitter_mm: 0.3, ..scene.clone() };
+        for (number, drawn) in (0..).zip(&drawn) {
+            let deep = SensorRange::another(&deep, number);
+            assert!((deep.depth_mm - 3.0 * drawn.depth_mm).abs() < 1e-9, "{number}");
+            assert!((deep.depth_jitter_mm - 0.5 * drawn.depth_mm).abs() < 1e-9, "{number}");
+        }
         assert!(drawn.iter().all(|spec| spec.field_of_view_mm == scene.field_of_view_mm && spec.light == scene.light));
         drawn.iter().for_each(|spec| spec.validate().unwrap());
     }
