@@ -1,6 +1,6 @@
 //! An image with zeros around it, so that windows at its edge are read as any others.
 
-/// Where an image lies in a padded one.
+/// Where an image is in a padded one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Layout {
     /// Rows of the padded image, and the values of each.
@@ -17,7 +17,7 @@ impl Layout {
         self.size[0] * self.size[1]
     }
 
-    /// Copies an image to where it lies.
+    /// Copies an image to its place.
     pub fn copy(&self, image: &[f32], padded: &mut [f32]) {
         for (y, values) in image.chunks_exact(self.row).enumerate() {
             padded[(self.before[0] + y) * self.size[1] + self.before[1]..][..self.row].copy_from_slice(values);
@@ -25,7 +25,7 @@ impl Layout {
     }
 }
 
-/// A padded image; the zeros are written where the next one lies otherwise.
+/// A padded image; the zeros are written anew where the next one has another layout.
 #[derive(Debug, Default)]
 pub struct Padded {
     values: Vec<f32>,
