@@ -450,6 +450,9 @@ pub(super) mod tests {
             let of_view = map(&pose, 0.2).of_view(VIEW_MM.map(|mm| ratio * mm));
             let known = map(&pose, 0.2).of_view(VIEW_MM);
             assert_eq!(known, map(&pose, 0.2));
+            let places: Vec<(usize, [f64; 2])> = known.places_mm(3).collect();
+            assert_eq!((places.len(), places[15].0), (14 * 10, 3 * 40 + 3));
+            assert!(places.iter().all(|(at, place_mm)| *place_mm == known.place_mm(*at)));
             let there = Se2::new(ratio * pose.x_mm, ratio * pose.y_mm, pose.theta_rad);
             let larger = |place: [f64; 2]| ratio * outline(place.map(|mm| mm / ratio));
             let mut n_near = 0;
