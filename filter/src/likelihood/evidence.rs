@@ -275,7 +275,8 @@ mod tests {
             let floor = found.log_outlier;
             let most = lattice.most_on_lines(evidence.likelihood.bounds(part));
             for (place, log) in (0..states.n_xy() * states.n_xy()).map(|place| (place, found.at(place))) {
-                let Some(weights) = lattice.weights(place / lattice.n_ys(), place % lattice.n_ys()) else { continue };
+                let pose = states.pose(place * states.n_theta() + angle) * moved;
+                let Some(weights) = ViewWeights::new(&grid, &pose) else { continue };
                 let most = most[0][place / lattice.n_ys()].min(most[1][place % lattice.n_ys()]);
                 let cosine = evidence.likelihood.between(&weights, part * grid.len(), grid.len()).min(most);
                 let exact = evidence.likelihood.log_between(cosine, part * grid.len());

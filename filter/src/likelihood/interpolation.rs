@@ -98,7 +98,7 @@ impl ViewWeights {
         Self::of(Around::pose(grid, part_from_sensor), grid.strides())
     }
 
-    pub(crate) fn of(axes: [Around; 3], strides: [usize; 3]) -> Option<Self> {
+    fn of(axes: [Around; 3], strides: [usize; 3]) -> Option<Self> {
         let trust = trust(axes.map(|axis| axis.outside))?;
         let cell = axes.iter().zip(strides).map(|(axis, stride)| axis.nearest * stride).sum();
         Some(Self { cell, trust, axes, strides })

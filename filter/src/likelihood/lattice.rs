@@ -126,12 +126,6 @@ impl LatticeWeights {
         Self::at(views, diagonal[0].theta_rad, &along(|pose| pose.x_mm), &along(|pose| pose.y_mm))
     }
 
-    /// The weights at one of the xs and one of the ys.
-    #[cfg(test)]
-    pub fn weights(&self, x: usize, y: usize) -> Option<crate::likelihood::interpolation::ViewWeights> {
-        crate::likelihood::interpolation::ViewWeights::of([self.xs[x], self.ys[y], self.theta], self.strides)
-    }
-
     /// `ViewWeights::cosine` at all places, x slowest, from the cosines with one part's views, `[grid.len()]`: for few places
     /// near each other, which share most of what is around them. Without neighbours `ViewWeights::value`.
     pub(crate) fn cosines_of_few(&self, cells: &[f32], neighbours: Option<&Neighbours>) -> Vec<f32> {
@@ -163,11 +157,9 @@ impl LatticeWeights {
 
     /// The nearest view of each place, x slowest; `None` where the view is unknown.
     pub(crate) fn nearest(&self) -> impl Iterator<Item = Option<Nearest>> {
-        let of_ys: Vec<Fading> = self.ys.iter().map(|y| Fading::of(y.outside)).collect();
-        let of_theta = Fading::of(self.theta.outside);
-        (0..self.xs.len() * of_ys.len()).map(move |place| {
-            let (x, y) = (place / of_ys.len(), place % of_ys.len());
-            let trust = Fading::of(self.xs[x].outside).and(of_theta).and(of_ys[y]).trust()?;
+        (0..self.xs.len() * self.n_ys()).map(|place| {
+            let (x, y) = (place / self.n_ys(), place % self.n_ys());
+            let trust = trust([self.xs[x].outside, self.ys[y].outside, self.theta.outside])?;
             Some(Nearest { cell: self.cell(x, y), trust })
         })
     }
@@ -467,9 +459,8 @@ mod tests {
                     let sheet = lattice.cosines(&planes, Some(neighbours), window);
                     let few = lattice.cosines_of_few(&cells, Some(neighbours));
                     for (place, (sheet, few)) in sheet.into_iter().zip(few).enumerate() {
-                        let Some(weights) = lattice.weights(place / lattice.n_ys(), place % lattice.n_ys()) else {
-                            continue;
-                        };
+                        let pose = states.pose(place * states.n_theta() + angle) * moved;
+                        let Some(weights) = ViewWeights::new(&grid, &pose) else { continue };
                         // In f32, in another order.
                         let one = weights.cosine(&cells, neighbours);
                         assert!((sheet - one).abs() < 1e-5 && (few - one).abs() < 1e-5, "{sheet} {few} {one}");

@@ -175,12 +175,6 @@ thread_local! {
 /// The thread's scratch space, while a convolution has it.
 struct Kept(Scratch);
 
-impl Kept {
-    fn take() -> Self {
-        Self(SCRATCH.take())
-    }
-}
-
 impl Drop for Kept {
     fn drop(&mut self) {
         SCRATCH.set(std::mem::take(&mut self.0));
@@ -196,11 +190,16 @@ fn correlate(
 ) -> Vec<f32> {
     let n = packed.images_at_once();
     let n_values = images.len() / lengths[0] * lengths[1];
-    threads::made_by_blocks(n_values, n * lengths[1], Kept::take, |Kept(scratch), at, out| {
-        let images = &images[at * n * lengths[0]..][..out.len() / lengths[1] * lengths[0]];
-        packed.correlate(images, scratch, out);
-        out.chunks_exact_mut(lengths[1]).enumerate().for_each(|(i, out)| finish(n * at + i, out));
-    })
+    threads::made_by_blocks(
+        n_values,
+        n * lengths[1],
+        || Kept(SCRATCH.take()),
+        |Kept(scratch), at, out| {
+            let images = &images[at * n * lengths[0]..][..out.len() / lengths[1] * lengths[0]];
+            packed.correlate(images, scratch, out);
+            out.chunks_exact_mut(lengths[1]).enumerate().for_each(|(i, out)| finish(n * at + i, out));
+        },
+    )
 }
 
 /// The parts' sum, value by value, in their order.

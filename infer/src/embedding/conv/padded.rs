@@ -7,8 +7,8 @@ pub struct Layout {
     pub size: [usize; 2],
     /// Rows above the image, and values to its left.
     pub before: [usize; 2],
-    /// Values of a row of the image.
-    pub row: usize,
+    /// Rows of the image, and the values of each.
+    pub image: [usize; 2],
 }
 
 impl Layout {
@@ -19,8 +19,9 @@ impl Layout {
 
     /// Copies an image to its place.
     pub fn copy(&self, image: &[f32], padded: &mut [f32]) {
-        for (y, values) in image.chunks_exact(self.row).enumerate() {
-            padded[(self.before[0] + y) * self.size[1] + self.before[1]..][..self.row].copy_from_slice(values);
+        let row = self.image[1];
+        for (y, values) in image.chunks_exact(row).enumerate() {
+            padded[(self.before[0] + y) * self.size[1] + self.before[1]..][..row].copy_from_slice(values);
         }
     }
 }
@@ -29,20 +30,18 @@ impl Layout {
 #[derive(Debug, Default)]
 pub struct Padded {
     values: Vec<f32>,
-    /// And the rows of the image.
-    layout: (Layout, usize),
+    layout: Layout,
 }
 
 impl Padded {
     /// An image, padded.
     pub fn of(&mut self, image: &[f32], layout: Layout) -> &[f32] {
-        let layout = (layout, image.len() / layout.row);
         if self.layout != layout {
             self.values.clear();
-            self.values.resize(layout.0.len(), 0.0);
+            self.values.resize(layout.len(), 0.0);
             self.layout = layout;
         }
-        layout.0.copy(image, &mut self.values);
+        layout.copy(image, &mut self.values);
         &self.values
     }
 }
@@ -54,16 +53,10 @@ mod tests {
     #[test]
     fn zeros_are_around_each_image_wherever_the_one_before_lay() {
         let mut padded = Padded::default();
-        let layout = |size, before| Layout { size, before, row: 2 };
+        let layout = |rows, before| Layout { size: [3, 4], before, image: [rows, 2] };
         let four = [1.0, 2.0, 3.0, 4.0];
-        assert_eq!(
-            padded.of(&four, layout([3, 4], [1, 1])),
-            [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 0.0, 0.0, 3.0, 4.0, 0.0]
-        );
-        assert_eq!(
-            padded.of(&four, layout([3, 4], [0, 2])),
-            [0.0, 0.0, 1.0, 2.0, 0.0, 0.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0]
-        );
-        assert_eq!(padded.of(&four[2..], layout([3, 4], [0, 2]))[..8], [0.0, 0.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(padded.of(&four, layout(2, [1, 1])), [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 0.0, 0.0, 3.0, 4.0, 0.0]);
+        assert_eq!(padded.of(&four, layout(2, [0, 2])), [0.0, 0.0, 1.0, 2.0, 0.0, 0.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(padded.of(&four[2..], layout(1, [0, 2]))[..8], [0.0, 0.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0]);
     }
 }

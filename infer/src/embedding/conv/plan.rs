@@ -103,7 +103,7 @@ impl Gather {
         Layout {
             size: [height + 2 * pad, (width + 2 * pad) * n_channels],
             before: [pad, pad * n_channels],
-            row: width * n_channels,
+            image: [height, width * n_channels],
         }
     }
 
@@ -199,7 +199,17 @@ macro_rules! with_rows {
     };
 }
 
-pub(super) use with_rows;
+/// Calls `$run::<S, ROWS, VECTORS>` for a tile of so many rows and of a width that [`tiles`] gives.
+macro_rules! with_tile {
+    ($size:expr, $run:ident :: <$simd:ty> $arguments:tt) => {
+        match $size {
+            [n, width] if width == <$simd>::F32_LANES => with_rows!(n, $run::<$simd, 1> $arguments),
+            [n, _] => with_rows!(n, $run::<$simd, 2> $arguments),
+        }
+    };
+}
+
+pub(super) use {with_rows, with_tile};
 
 struct Correlate<'a> {
     plans: Vec<(&'a Gather, &'a [f32])>,
@@ -227,12 +237,9 @@ impl WithSimd for Correlate<'_> {
                 let channels = first..n_out.min(first + width);
                 for at in (0..plan.bases.len()).step_by(rows::<S>()) {
                     let pixels = at..(at + rows::<S>()).min(plan.bases.len());
-                    let to = (pixels.clone(), channels.clone(), n_out);
-                    if width == S::F32_LANES {
-                        with_rows!(pixels.len(), correlate_tile::<S, 1>(simd, (plan, panel), padded, to, self.out));
-                    } else {
-                        with_rows!(pixels.len(), correlate_tile::<S, 2>(simd, (plan, panel), padded, to, self.out));
-                    }
+                    let size = [pixels.len(), width];
+                    let to = (pixels, channels.clone(), n_out);
+                    with_tile!(size, correlate_tile::<S>(simd, (plan, panel), padded, to, self.out));
                 }
             }
         }

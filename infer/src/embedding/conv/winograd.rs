@@ -10,7 +10,7 @@ use crate::embedding::threads;
 
 use super::axis::{Axis, Inputs, Outputs, OutputsBack, Square, Weights, WeightsBack};
 use super::padded::{Layout, Padded};
-use super::plan::{Columns, with_rows};
+use super::plan::{Columns, with_rows, with_tile};
 use super::tile::{Sums, VECTORS, columns, gather, lanes, outer, rows, tiles, write};
 use super::{Conv, Weight, arch};
 
@@ -90,8 +90,8 @@ impl Windows {
         let ([step_y, step_x], [n_y, n_x]) = (self.axes.map(Axis::outputs), self.products());
         let length = height * width * n_channels;
         let line = (step_x * columns + 2) * n_channels;
-        let (size, row) = ([step_y * rows + 2, line], width * n_channels);
-        let layout = Layout { size, before: [1, n_channels], row };
+        let (size, image) = ([step_y * rows + 2, line], [height, width * n_channels]);
+        let layout = Layout { size, before: [1, n_channels], image };
         let mut square = Square::new(simd);
         for (at, image) in images.chunks_exact(length).enumerate() {
             let padded = padded.of(image, layout);
@@ -269,11 +269,7 @@ impl WithSimd for Correlate<'_> {
                     let n = rows::<S>().min(n_rows - at);
                     let sums = &mut sums[at * n_out + first..n_rows * n_out];
                     let matrix = &matrix[at * n_in..];
-                    if width == S::F32_LANES {
-                        with_rows!(n, multiply_tile::<S, 1>(simd, matrix, n_in, panel, [first, n_out], sums));
-                    } else {
-                        with_rows!(n, multiply_tile::<S, 2>(simd, matrix, n_in, panel, [first, n_out], sums));
-                    }
+                    with_tile!([n, width], multiply_tile::<S>(simd, matrix, n_in, panel, [first, n_out], sums));
                 }
             }
         }
