@@ -10,7 +10,7 @@ use super::side_shares::SideShares;
 use crate::dataset::touch::Side;
 use crate::error::{Error, Result};
 use crate::scene::random::uniform;
-use crate::scene::shape::maze_part::{barred_part, cut_part, maze_part, name, part_rng, width_mm};
+use crate::scene::shape::maze_part::{barred_part, cut_part, maze_part, name, part_rng, stretched_part, width_mm};
 use crate::scene::shape::{Face, Layer, Relief, Rounding};
 
 /// Parts without end, drawn as MAZE boards are and never trained on: crops of boards, islands and outlines in turn, see
@@ -41,6 +41,9 @@ pub struct MazeParts {
     /// The same with a bar added to the outline, between the two of these wide, mm ([`barred_part`]).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bar_mm: Option<[f64; 2]>,
+    /// The same stretched along x, along y or along both, by between these two, mm ([`stretched_part`]): a stranger of another size.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stretch_mm: Option<[f64; 2]>,
 }
 
 /// Which of the two that a part comes as.
@@ -51,6 +54,8 @@ enum Kind {
     Cut([f64; 2]),
     /// With a bar of a width, mm.
     Barred([f64; 2]),
+    /// Longer by so much, mm.
+    Stretched([f64; 2]),
 }
 
 fn is_first(first: &usize) -> bool {
@@ -84,12 +89,13 @@ impl MazeParts {
 
     /// What is drawn as the part of a number.
     fn drawn(&self, index: usize) -> (usize, Kind) {
-        let changed = match (self.cut_share, self.bar_mm) {
-            (Some(share), _) => Kind::Cut(share),
-            (None, Some(width_mm)) => Kind::Barred(width_mm),
-            (None, None) => return (index, Kind::Whole),
-        };
+        let Some(changed) = self.changes().into_iter().flatten().next() else { return (index, Kind::Whole) };
         (index / 2, if index.is_multiple_of(2) { Kind::Whole } else { changed })
+    }
+
+    /// The ways in which a part comes a second time; one at most is declared.
+    fn changes(&self) -> [Option<Kind>; 3] {
+        [self.cut_share.map(Kind::Cut), self.bar_mm.map(Kind::Barred), self.stretch_mm.map(Kind::Stretched)]
     }
 
     /// Name of the part of a number: `gear-5`, `gear-5-cut`.
@@ -99,6 +105,7 @@ impl MazeParts {
             Kind::Whole => "",
             Kind::Cut(_) => "-cut",
             Kind::Barred(_) => "-bar",
+            Kind::Stretched(_) => "-longer",
         };
         format!("{}{ending}", name(index))
     }
@@ -111,6 +118,7 @@ impl MazeParts {
             Kind::Whole => outline,
             Kind::Cut(share) => cut_part(&outline, self.seed, index, share)?,
             Kind::Barred(width_mm) => barred_part(&outline, self.seed, index, width_mm)?,
+            Kind::Stretched(mm) => stretched_part(&outline, self.seed, index, mm),
         };
         let [mut of_hole, mut of_peg] = [1, 2].map(|usage| part_rng(self.seed, index, usage));
         let clearance_mm = self.play_mm.map_or(clearance_mm, |play_mm| uniform(&mut of_hole, play_mm));
@@ -155,8 +163,14 @@ impl MazeParts {
         if let Some([low, high]) = self.bar_mm.filter(|mm| !ordered(*mm, 0.5, 20.0)) {
             return refuse("bar_mm", "widths of 0.5 to 20 mm, in order", format!("{low} to {high}"));
         }
-        if self.bar_mm.is_some() && self.cut_share.is_some() {
-            return refuse("bar_mm", "cut_share or bar_mm", "both".to_owned());
+        if let Some([low, high]) = self.stretch_mm.filter(|mm| !ordered(*mm, 0.0, 20.0)) {
+            return refuse("stretch_mm", "lengths of 0 to 20 mm, in order", format!("{low} to {high}"));
+        }
+        let n_changes = self.changes().into_iter().flatten().count();
+        if n_changes > 1 {
+            let got = format!("{n_changes} of them");
+            let expected = "one of cut_share, bar_mm and stretch_mm";
+            return Err(Error::invalid("parts.maze_parts", expected, got));
         }
         match self.play_mm {
             Some(play_mm) if !ordered(play_mm, 0.0, 5.0) => {
@@ -185,6 +199,7 @@ mod tests {
         play_mm: Some([0.1, 0.4]),
         cut_share: None,
         bar_mm: None,
+        stretch_mm: None,
     };
 
     const CELL_MM: f64 = 0.05;
@@ -353,6 +368,35 @@ mod tests {
             let more = (count(&cells(&barred, half)) - count(&cells(&whole, half))) * CELL_MM * CELL_MM;
             assert!((0.67..1.51).contains(&(more / (width * long))), "{name}: {more} of {width} x {long}");
         });
+    }
+
+    #[test]
+    fn a_stretched_part_is_its_whole_made_longer_along_one_axis_or_both() {
+        let parts = MazeParts { n: 120, stretch_mm: Some([1.0, 2.0]), ..PARTS };
+        assert_eq!([4, 5].map(|index| parts.name(index)), ["blob-2", "blob-2-longer"]);
+        let mut n_along = [0; 3];
+        for index in parts.range().filter(|index| index % 2 == 1) {
+            let [whole, longer] = [index - 1, index].map(|index| parts.part(index, 0.1).unwrap());
+            let size = |part: &Part| {
+                let [x_min, y_min, x_max, y_max] = part.outline.bounds();
+                [x_max - x_min, y_max - y_min]
+            };
+            let ([w, h], [wider, higher]) = (size(&whole), size(&longer));
+            let more = [wider - w, higher - h];
+            let is_longer = more.map(|mm| (1.0 - 1e-9..=2.0 + 1e-9).contains(&mm));
+            assert!(more.into_iter().zip(is_longer).all(|(mm, is)| is || mm.abs() < 1e-9), "{index}: {more:?}");
+            n_along[match is_longer {
+                [true, false] => 0,
+                [false, true] => 1,
+                [true, true] => 2,
+                [false, false] => panic!("{index}: {more:?}"),
+            }] += 1;
+            let area = |part: &Part| count(&cells(&part.outline, half_of(&longer.outline)));
+            let grown = area(&longer) / area(&whole) / (wider * higher / (w * h));
+            assert!((grown - 1.0).abs() < 0.02, "{index}: {grown}");
+            assert_eq!(whole.clearance_mm, longer.clearance_mm);
+        }
+        assert!(n_along.iter().all(|n| *n > 10), "{n_along:?}");
     }
 
     #[test]

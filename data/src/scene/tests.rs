@@ -420,6 +420,16 @@ fn maze_parts_that_cannot_be_are_named_with_their_field() {
         ("[8.0, 14.0]", "[nan, 14.0]", ["parts.maze_parts.size_mm", "in order", "NaN to 14"]),
         (
             "n = 12",
+            "n = 12\ncut_share = [0.2, 0.5]\nstretch_mm = [1.0, 2.0]",
+            ["parts.maze_parts", "one of cut_share, bar_mm and stretch_mm", "2 of them"],
+        ),
+        (
+            "n = 12",
+            "n = 12\nstretch_mm = [2.0, 1.0]",
+            ["parts.maze_parts.stretch_mm", "lengths of 0 to 20 mm, in order", "2 to 1"],
+        ),
+        (
+            "n = 12",
             "n = 12\ncut_share = [0.2, 0.95]",
             ["parts.maze_parts.cut_share", "shares of the area", "0.2 to 0.95"],
         ),

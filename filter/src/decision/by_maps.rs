@@ -7,10 +7,11 @@ use tactile_data::pose::se2::Se2;
 use tactile_infer::calibration::presence::Verified;
 use tactile_infer::maps::align::Drawing;
 use tactile_infer::maps::coverage::outline_mm;
+use tactile_infer::maps::strain::Strain;
 use tactile_infer::maps::verifier::compared;
 
 use crate::belief::Hill;
-use crate::decision::verdict::Asked;
+use crate::decision::verdict::{Asked, Placed};
 
 /// A part's pose by maps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,9 +54,24 @@ impl<'a> Asked<'a> {
                 n_new: edged().map(|touch| touch.new_share).sum(),
                 expected: self.bank.expected().and_then(|expected| expected.of(part, self.side())),
                 outline_mm: outline_mm(&mosaic, &drawings, &part_from_first),
+                strain: None,
             }
         });
         Some(Laid { part_from_first, hill, verified })
+    }
+
+    /// What a verifier says of a place, with how the part that was touched differs in size from the one that would be there.
+    pub(super) fn with_strain(self, part: usize, placed: Placed) -> Placed {
+        let mosaics = self.bank.mosaics().filter(|_| placed.verified.is_some());
+        let strain = mosaics.map(|mosaics| {
+            let drawn = self.drawn();
+            let edged = drawn.iter().filter(|touch| !touch.is_blank).map(|touch| touch.drawing);
+            let edged: Vec<Drawing<'_>> = edged.collect();
+            let strain = Strain::of(&edged, &mosaics.of(part, self.side()), &placed.part_from_first);
+            let usual = self.bank.expected().and_then(|expected| expected.strain_of(part, self.side()));
+            usual.map_or(strain, |usual| strain.against(&usual))
+        });
+        Placed { verified: placed.verified.map(|verified| Verified { strain, ..verified }), ..placed }
     }
 
     /// The touches that were drawn.

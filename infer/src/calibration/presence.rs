@@ -21,6 +21,7 @@ use tactile_data::dataset::touch::Side;
 
 use crate::calibration::Spread;
 use crate::error::{Error, Result};
+use crate::maps::strain::Strain;
 
 /// The share of the episodes that a tail is fitted to.
 pub const TAIL_SHARE: f64 = 0.1;
@@ -80,6 +81,9 @@ pub struct Verified {
     /// The length of the part's outline, and of what is in view of the touches, mm.
     #[serde(default)]
     pub outline_mm: [f64; 2],
+    /// How the part that was touched differs in size, where that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strain: Option<Strain>,
 }
 
 impl Verified {
@@ -283,7 +287,8 @@ mod tests {
     #[test]
     fn rates_are_those_of_tails_and_grow_with_the_bank() {
         // -0.5 + 1.25 * 2 * 0.4 + 0.75 * 4 + 0.5 * 10 / 2 - 0.25 * 4 * 2 / 2 = 5.
-        let verified = Some(Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [0.0; 2] });
+        let verified =
+            Some(Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [0.0; 2], strain: None });
         let felt = Felt { fit: 0.4, n_fitted: 4, verified };
         let found = odds().presence(&felt, 12);
         assert!((found.log_odds - 5.0).abs() < 1e-12);
@@ -300,7 +305,9 @@ mod tests {
 
     #[test]
     fn a_verifier_is_judged_by_what_it_says_of_the_parts_own_touches() {
-        let of = |log_odds, n_new, expected| Verified { log_odds, n_new, expected, outline_mm: [0.0; 2] }.values(2.0);
+        let of = |log_odds, n_new, expected| {
+            Verified { log_odds, n_new, expected, outline_mm: [0.0; 2], strain: None }.values(2.0)
+        };
         let socket = Some(Spread { mean: -1.0, sd: 3.0 });
         assert_eq!([of(8.0, 4.0, None), of(-4.0, 4.0, socket)], [[4.0, 4.0], [-2.0, -2.0]]);
         // Blank touches alone: what speaks against the part counts as of one touch.
@@ -311,7 +318,8 @@ mod tests {
     fn what_was_not_felt_bounds_how_sure_it_is() {
         let odds = PresenceOdds { shared: Some(Shared { offset: 0.5, by_felt: 3.0 }), ..odds() };
         let felt = |felt_mm: f64| {
-            let verified = Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [40.0, felt_mm] };
+            let verified =
+                Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [40.0, felt_mm], strain: None };
             odds.log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) })
         };
         // 5 as without; three times the logarithm of 4 where a quarter is left.

@@ -9,16 +9,16 @@ use super::mosaic::Mosaic;
 const STEPS: usize = 6;
 
 /// A pixel that is off by more than so many errors counts by its root alone (Huber).
-const FAR: f64 = 2.0;
+pub(super) const FAR: f64 = 2.0;
 
 /// The mean cost of a pixel that is as far off as the errors say.
-const USUAL_COST: f64 = 0.5;
+pub(super) const USUAL_COST: f64 = 0.5;
 
 /// Every second pixel along each axis is compared: neighbours share their error.
 const EVERY: usize = 2;
 
 /// Pixels that are compared and count as one, since they still share their error.
-const SHARED: f64 = 4.0;
+pub(super) const SHARED: f64 = 4.0;
 
 /// A touch of a hole: its map, and the sensor's pose in the frame of the first touch.
 #[derive(Clone, Copy, Debug)]
@@ -96,14 +96,14 @@ pub fn align(touches: &[Drawing<'_>], mosaic: &Mosaic<'_>, start: &Start) -> Ali
 
 /// What a touch shows of a place.
 #[derive(Clone, Copy, Debug)]
-struct Pixel {
-    first_mm: [f64; 2],
-    distance_mm: f64,
-    error_mm: f64,
+pub(super) struct Pixel {
+    pub(super) first_mm: [f64; 2],
+    pub(super) distance_mm: f64,
+    pub(super) error_mm: f64,
 }
 
 /// The pixels of a touch that are compared.
-fn pixels_of(touch: &Drawing<'_>) -> impl Iterator<Item = Pixel> {
+pub(super) fn pixels_of(touch: &Drawing<'_>) -> impl Iterator<Item = Pixel> {
     let Drawing { map, first_from_sensor } = *touch;
     map.places_mm(EVERY).map(move |(at, place_mm)| Pixel {
         first_mm: first_from_sensor.apply(place_mm),

@@ -10,6 +10,7 @@ pub mod mosaic;
 #[cfg(feature = "burn")]
 pub mod network;
 pub mod picture;
+pub mod strain;
 pub mod verifier;
 
 use std::path::Path;

@@ -425,6 +425,11 @@ pub(super) mod tests {
 
     /// What a perfect drawer would draw of [`outline`] touched at a pose.
     pub fn map(part_from_sensor: &Se2, error_mm: f32) -> DrawnMap {
+        map_of(&outline, part_from_sensor, error_mm)
+    }
+
+    /// The same of any distance.
+    pub fn map_of(outline: &dyn Fn([f64; 2]) -> f64, part_from_sensor: &Se2, error_mm: f32) -> DrawnMap {
         let n = SIZE_PX[0] * SIZE_PX[1];
         let (distance_mm, inside) = (vec![0.0; n], vec![0.0; n]);
         let mut map = DrawnMap {

@@ -138,7 +138,8 @@ mod tests {
     fn touches_of_parts(n: usize) -> (Frame, Vec<Frame>, [f64; 2]) {
         let mut scene = Scene::load("alphabet-small").unwrap();
         let (size_mm, reach_mm) = ([8.0, 40.0], 8.0);
-        let parts = MazeParts { n, first: 0, seed: 0, size_mm, play_mm: None, cut_share: None, bar_mm: None };
+        let parts =
+            MazeParts { n, first: 0, seed: 0, size_mm, play_mm: None, cut_share: None, bar_mm: None, stretch_mm: None };
         scene.parts = Parts::Kit(Kit { maze_parts: Some(parts), ..Kit::default() });
         scene.clearance_mm = 0.0;
         let (simulator, view) = (Simulator::new(scene.clone(), 0).unwrap(), scene.sensor.field_of_view_mm);

@@ -140,6 +140,21 @@ pub fn cut_part(whole: &Shape, seed: u64, index: usize, share: [f64; 2]) -> Resu
     })
 }
 
+/// What sets the seeds of stretches apart from those of parts.
+const STRETCH_SEED: u64 = 0x73_7472;
+
+/// A part stretched along x, along y or along both, each as likely, about its middle: it is a stranger of another size, as a pin is to one a
+/// millimetre thicker. Part number `index` of a seed; it is longer by between the two of `mm`.
+pub fn stretched_part(whole: &Shape, seed: u64, index: usize, mm: [f64; 2]) -> Shape {
+    let rng = &mut frame_rng(seed ^ STRETCH_SEED, 1 + index as u64);
+    let [x_min, y_min, x_max, y_max] = whole.bounds();
+    let which = rng.random_range(0..3);
+    let by = uniform(rng, mm);
+    let along = |size: f64, is_fixed: bool| if is_fixed { 1.0 } else { 1.0 + by / size };
+    let (x, y) = (along(x_max - x_min, which == 1), along(y_max - y_min, which == 0));
+    whole.clone().map(|[u, v]| [x * u, y * v])
+}
+
 /// What sets the seeds of bars apart from those of parts.
 const BAR_SEED: u64 = 0x62_6172;
 

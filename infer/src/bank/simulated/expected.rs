@@ -1,4 +1,4 @@
-//! What a verifier says of the touches of a scene's parts, where they were made.
+//! What the touches of a scene's parts come to where they were made: what a verifier says, and how a part seems to differ in size.
 
 use rand::RngExt;
 use tactile_data::dataset::touch::Side;
@@ -11,8 +11,10 @@ use crate::calibration::{BLANK_SHARE, Spread};
 use crate::embedding::threads;
 use crate::error::{Error, Result};
 use crate::maps::MapDrawer;
+use crate::maps::align::Drawing;
 use crate::maps::expected::Expected;
 use crate::maps::mosaic::Mosaics;
+use crate::maps::strain::UsualStrain;
 use crate::maps::verifier::{Verifier, compared};
 
 /// Touches of each side of each part.
@@ -40,9 +42,10 @@ pub(super) fn expected_of_scene(
     let simulator = Simulator::new(scene.clone(), seed)?;
     let background = Background::new(&simulator.no_contact(seed), drawer.preprocessing())?;
     let background = background.lit_by(&scene.sensor.known_lamps())?;
-    let of_part = |part: usize, side: Side| -> Result<Option<Spread>> {
+    let of_part = |part: usize, side: Side| -> Result<Option<(Spread, UsualStrain)>> {
+        let mosaic = mosaics.of(part, side);
         let first = 1 + N_TOUCHES * (2 * part as u64 + u64::from(side == Side::Peg));
-        let mut log_odds = Vec::new();
+        let (mut log_odds, mut touches) = (Vec::new(), Vec::new());
         for stream in first..first + N_TOUCHES {
             let mut rng = frame_rng(seed, stream);
             let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
@@ -53,12 +56,19 @@ pub(super) fn expected_of_scene(
                 continue;
             }
             for map in drawer.draw(&[image], side, scene.sensor.field_of_view_mm)? {
-                log_odds.push(verifier.log_odds(&compared((&map, side), &mosaics.of(part, side), &pose)));
+                log_odds.push(verifier.log_odds(&compared((&map, side), &mosaic, &pose)));
+                touches.push((map, pose));
             }
         }
-        Ok((log_odds.len() >= ENOUGH).then(|| Spread::from_values(&log_odds)))
+        let drawings = touches.iter().map(|(map, pose)| Drawing { map, first_from_sensor: *pose });
+        let drawings: Vec<Drawing<'_>> = drawings.collect();
+        let is_enough = log_odds.len() >= ENOUGH;
+        Ok(is_enough.then(|| (Spread::from_values(&log_odds), UsualStrain::of(&drawings, &mosaic))))
     };
-    let of_side = |side| threads::each(0..mosaics.n_parts(), |part| of_part(part, side));
-    let (holes, pegs) = (of_side(Side::Hole)?, of_side(Side::Peg)?);
-    Ok(Expected { maps_sha256: verifier.sha256().to_owned(), holes, pegs })
+    let of_side = |side| -> Result<(Vec<Option<Spread>>, Vec<Option<UsualStrain>>)> {
+        let of_parts = threads::each(0..mosaics.n_parts(), |part| of_part(part, side))?;
+        Ok(of_parts.into_iter().map(Option::unzip).unzip())
+    };
+    let ((holes, hole_strains), (pegs, peg_strains)) = (of_side(Side::Hole)?, of_side(Side::Peg)?);
+    Ok(Expected { maps_sha256: verifier.sha256().to_owned(), holes, pegs, hole_strains, peg_strains })
 }
