@@ -210,6 +210,8 @@ impl TouchModel {
             by_touch: self.presence_by_touch,
             by_verifier: 0.0,
             by_expected: 0.0,
+            by_size: 0.0,
+            by_strain: 0.0,
             shared: None,
             usual: 0.0,
             strangers: Tail { at: self.stranger_at, scale: self.stranger_scale },

@@ -87,7 +87,7 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     let told = || Error::invalid("episodes", "strangers and parts that are named, and differ", "others");
     let setup = &evaluations[0].setup;
     let (numbers, cost) = fit(&rows, is_counted(judged, setup.side, setup.views)).ok_or_else(told)?;
-    let [offset, by_fit, by_touch, by_verifier, by_expected, ..] = numbers;
+    let [offset, by_fit, by_touch, by_verifier, by_expected, by_size, by_strain, ..] = numbers;
     let absent = evaluations.iter().filter(|of| of.setup.absent);
     let n_parts: Vec<f64> = absent.clone().map(|of| of.setup.parts.len() as f64 - 1.0).collect();
     let none = Tail { at: 0.0, scale: 1.0 };
@@ -97,6 +97,8 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
         by_touch,
         by_verifier,
         by_expected,
+        by_size,
+        by_strain,
         shared: judged.then(|| shared(&numbers)),
         usual,
         strangers: none,
@@ -268,7 +270,11 @@ mod tests {
         let mut normal = || (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
         let row = |is_there: bool, [a, b]: [f64; 2]| {
             let sign = if is_there { 1.0 } else { -1.0 };
-            Row { values: [1.0, 0.4 * sign + 0.25 + a, 0.0, 0.6 * sign + 2.0 * b, 0.0], felt_share: None, is_there }
+            Row {
+                values: [1.0, 0.4 * sign + 0.25 + a, 0.0, 0.6 * sign + 2.0 * b, 0.0, 0.0, 0.0],
+                felt_share: None,
+                is_there,
+            }
         };
         // Three times as many of one kind: what is asked is even odds.
         (0..n).map(|i| row(i % 4 == 0, [normal(), normal()])).collect()
@@ -278,7 +284,7 @@ mod tests {
     fn the_weights_are_the_log_odds_that_made_the_touches() {
         // 2 m / s^2 each: 0.8, and 2 * 0.6 / 4; the offset takes off what both have in common.
         let (weights, cost) = fit(&rows(40_000), true).unwrap();
-        for (found, expected) in weights.iter().zip([-0.2, 0.8, 0.0, 0.3, 0.0]) {
+        for (found, expected) in weights.iter().zip([-0.2, 0.8, 0.0, 0.3, 0.0, 0.0, 0.0]) {
             assert!((found - expected).abs() < 0.03, "{weights:?}");
         }
         assert!(cost < std::f64::consts::LN_2 && cost > 0.5, "{cost}");
@@ -325,7 +331,7 @@ mod tests {
     #[test]
     fn kinds_that_differ_wholly_have_finite_weights_and_one_kind_none() {
         let row = |is_there: bool| {
-            let values = [1.0, if is_there { 3.0 } else { -3.0 }, 2.0, 0.0, 0.0];
+            let values = [1.0, if is_there { 3.0 } else { -3.0 }, 2.0, 0.0, 0.0, 0.0, 0.0];
             Row { values, felt_share: None, is_there }
         };
         let (weights, cost) = fit(&[row(true), row(false), row(true)], true).unwrap();
@@ -344,7 +350,7 @@ mod tests {
             let looks_alike = is_there || i % 4 == 1 && felt < rng.random::<f64>();
             let mean = if looks_alike { 3.0 } else { -3.0 };
             let normal = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
-            let values = [1.0, mean + 1.5 * normal, 0.0, 0.0, 0.0];
+            let values = [1.0, mean + 1.5 * normal, 0.0, 0.0, 0.0, 0.0, 0.0];
             rows.push(Row { values, felt_share: Some(felt), is_there });
         }
         let (numbers, _) = fit(&rows, true).unwrap();

@@ -63,12 +63,14 @@ impl<'a> Asked<'a> {
     /// What a verifier says of a place, with how the part that was touched differs in size from the one that would be there.
     pub(super) fn with_strain(self, part: usize, placed: Placed) -> Placed {
         let mosaics = self.bank.mosaics().filter(|_| placed.verified.is_some());
+        let usual = self.bank.expected().and_then(|expected| expected.strain_of(part, self.side()));
+        // A hole reads unlike its peg: by how much, only a bank of a scene knows.
+        let mosaics = mosaics.filter(|mosaics| usual.is_some() || mosaics.side_for(self.side()) == self.side());
         let strain = mosaics.map(|mosaics| {
             let drawn = self.drawn();
             let edged = drawn.iter().filter(|touch| !touch.is_blank).map(|touch| touch.drawing);
             let edged: Vec<Drawing<'_>> = edged.collect();
             let strain = Strain::of(&edged, &mosaics.of(part, self.side()), &placed.part_from_first);
-            let usual = self.bank.expected().and_then(|expected| expected.strain_of(part, self.side()));
             usual.map_or(strain, |usual| strain.against(&usual))
         });
         Placed { verified: placed.verified.map(|verified| Verified { strain, ..verified }), ..placed }

@@ -1,12 +1,12 @@
 //! Whether the part that is named is there at all, against a stranger: a part that the bank does not hold.
 //!
 //! For `n` touches with an edge, whose fit is `F` standard deviations and of which a verifier says `V`, where it says `E`
-//! of as many that were made on the part, and which showed a share `c` of its outline, the log-odds that the named part is there, before
-//! which a stranger was as likely, are
+//! of as many that were made on the part, by which the part's size is known to `K` nats and off by `S`, and which showed a share `c` of its
+//! outline, the log-odds that the named part is there, before which a stranger was as likely, are
 //!
 //! ```text
 //! L = -ln(exp(-A) + exp(-B))
-//! A = offset + by_fit sqrt(n) F + by_touch n + by_verifier V + by_expected E
+//! A = offset + by_fit sqrt(n) F + by_touch n + by_verifier V + by_expected E + by_size K + by_strain S
 //! B = shared.offset - shared.by_felt ln(1 - c)
 //! ```
 //!
@@ -27,7 +27,7 @@ use crate::maps::strain::Strain;
 pub const TAIL_SHARE: f64 = 0.1;
 
 /// Weights of the log-odds.
-pub const N_WEIGHTS: usize = 5;
+pub const N_WEIGHTS: usize = 7;
 
 /// The entries in a file: where holes are touched, where pegs are, and where holes are touched and judged by maps of holes.
 pub(crate) const ENTRIES: [&str; 3] = ["presence", "peg_presence", "hole_presence"];
@@ -98,6 +98,12 @@ impl Verified {
         self.expected.map_or(usual, |expected| expected.mean)
     }
 
+    /// How well the part's size is known, and how far off it is, nats; 0 where that was not asked for.
+    pub fn size(&self) -> [f64; 2] {
+        let side_mm = self.outline_mm[0] / 4.0;
+        self.strain.map_or([0.0; 2], |strain| [strain.known_nats(side_mm), strain.off_nats()])
+    }
+
     /// The share of the outline that is in view of the touches, 0..=1.
     pub fn felt_share(&self) -> f64 {
         let [all, felt] = self.outline_mm;
@@ -121,7 +127,8 @@ impl Felt {
     pub fn values(&self, usual: f64) -> [f64; N_WEIGHTS] {
         let n = self.n_fitted as f64;
         let [verified, expected] = self.verified.map_or([0.0; 2], |verified| verified.values(usual));
-        [1.0, n.sqrt() * self.fit, n, verified, expected]
+        let [known, off] = self.verified.map_or([0.0; 2], |verified| verified.size());
+        [1.0, n.sqrt() * self.fit, n, verified, expected, known, off]
     }
 }
 
@@ -164,6 +171,12 @@ pub struct PresenceOdds {
     pub by_verifier: f64,
     /// What its words of touches that were made on the part add, a share of them.
     pub by_expected: f64,
+    /// What a size that is known adds, a share of its nats ([`Verified::size`]); 0 where it was not fitted.
+    #[serde(default)]
+    pub by_size: f64,
+    /// What one that is off adds, a share of its nats.
+    #[serde(default)]
+    pub by_strain: f64,
     /// Against a stranger that shares what was felt; `None` where nobody knows how much of the outline that is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shared: Option<Shared>,
@@ -205,9 +218,10 @@ pub fn against_both(a: f64, b: f64) -> f64 {
 }
 
 impl PresenceOdds {
-    /// The weights: offset, by fit, by touch, by verifier, by what is expected of it.
+    /// The weights: offset, by fit, by touch, by verifier, by what is expected of it, by size, by strain.
     pub fn weights(&self) -> [f64; N_WEIGHTS] {
-        [self.offset, self.by_fit, self.by_touch, self.by_verifier, self.by_expected]
+        let Self { offset, by_fit, by_touch, by_verifier, by_expected, by_size, by_strain, .. } = *self;
+        [offset, by_fit, by_touch, by_verifier, by_expected, by_size, by_strain]
     }
 
     /// The log-odds by what was felt, nats.
@@ -240,6 +254,8 @@ impl PresenceOdds {
             ("by_touch", self.by_touch),
             ("by_verifier", self.by_verifier),
             ("by_expected", self.by_expected),
+            ("by_size", self.by_size),
+            ("by_strain", self.by_strain),
             ("shared.offset", shared.offset),
             ("shared.by_felt", shared.by_felt),
             ("usual", self.usual),
@@ -274,6 +290,8 @@ mod tests {
             by_touch: 0.75,
             by_verifier: 0.5,
             by_expected: -0.25,
+            by_size: 0.5,
+            by_strain: -2.0,
             shared: None,
             usual: 2.0,
             strangers: Tail { at: 1.0, scale: 2.0 },
@@ -312,6 +330,24 @@ mod tests {
         assert_eq!([of(8.0, 4.0, None), of(-4.0, 4.0, socket)], [[4.0, 4.0], [-2.0, -2.0]]);
         // Blank touches alone: what speaks against the part counts as of one touch.
         assert_eq!(of(-3.0, 0.0, None), [-3.0, 0.0]);
+    }
+
+    #[test]
+    fn a_size_that_is_known_speaks_for_the_part_and_one_that_is_off_against_it() {
+        let (sd, mm) = (0.01_f64, 10.0);
+        let covariance = [[sd * sd, 0.0, 0.0], [0.0, sd * sd, 0.0], [0.0, 0.0, sd * sd]];
+        let of = |mean| {
+            let verified =
+                Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [4.0 * mm, 0.0], strain: None };
+            let strain = Some(Strain { mean, covariance });
+            odds().log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(Verified { strain, ..verified }) })
+        };
+        // A tenth of a millimetre along each of three, of a quarter that was open before.
+        let known = 3.0 * 0.5 * (1.0 + (0.25 / (sd * mm)).powi(2)).ln();
+        assert!((of([0.0; 3]) - (5.0 + 0.5 * known)).abs() < 1e-9);
+        // Three standard deviations along one, four along another.
+        let off = (1.0 + 25.0 / 3.0_f64).ln();
+        assert!((of([0.03, -0.04, 0.0]) - (5.0 + 0.5 * known - 2.0 * off)).abs() < 1e-9);
     }
 
     #[test]

@@ -164,15 +164,22 @@ impl Sums {
     }
 }
 
+/// The determinant of a matrix without a row and a column, with its sign.
+fn cofactor(m: &[[f64; 3]; 3], row: usize, column: usize) -> f64 {
+    let [r0, r1] = [(row + 1) % 3, (row + 2) % 3];
+    let [c0, c1] = [(column + 1) % 3, (column + 2) % 3];
+    m[r0][c0] * m[r1][c1] - m[r0][c1] * m[r1][c0]
+}
+
+/// The determinant of a matrix.
+pub(super) fn determinant(m: &[[f64; 3]; 3]) -> f64 {
+    (0..3).map(|column| m[0][column] * cofactor(m, 0, column)).sum()
+}
+
 /// The inverse of a symmetric matrix, by its cofactors; `None` of one that has none.
 pub fn inverse(m: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
-    let cofactor = |row: usize, column: usize| {
-        let [r0, r1] = [(row + 1) % 3, (row + 2) % 3];
-        let [c0, c1] = [(column + 1) % 3, (column + 2) % 3];
-        m[r0][c0] * m[r1][c1] - m[r0][c1] * m[r1][c0]
-    };
-    let determinant: f64 = (0..3).map(|column| m[0][column] * cofactor(0, column)).sum();
-    let inverse = [0, 1, 2].map(|row| [0, 1, 2].map(|column| cofactor(column, row) / determinant));
+    let determinant = determinant(&m);
+    let inverse = [0, 1, 2].map(|row| [0, 1, 2].map(|column| cofactor(&m, column, row) / determinant));
     inverse.as_flattened().iter().all(|value| value.is_finite()).then_some(inverse)
 }
 

@@ -17,6 +17,9 @@ const STEPS: usize = 4;
 /// Only this near an outline, mm, does a distance say where that is: farther off maps are cut off.
 const REACH_MM: f64 = 2.5;
 
+/// A part differs from a stranger by so much, mm, along an axis: less is no other size. Half and twice of it fit parts and strangers as well.
+const SIZE_MM: f64 = 0.25;
+
 /// No part's touches agree better than this, in variance, with all of them together.
 const LEAST_TIMES: f64 = 0.1;
 
@@ -71,10 +74,26 @@ impl Strain {
     }
 
     /// How far it is from none, squared standard deviations: about 3 where there is none.
-    pub fn squared(&self) -> f64 {
+    fn squared(&self) -> f64 {
         let Some(information) = align::inverse(self.covariance) else { return 0.0 };
         let along = |row: usize| (0..3).map(|at| information[row][at] * self.mean[at]).sum::<f64>();
         (0..3).map(|row| self.mean[row] * along(row)).sum()
+    }
+
+    /// How far it is from none, nats: each doubling of a strain that is far off adds as much, since under a strange sensor a part that is
+    /// there comes to a few standard deviations, too (a t distribution's tail).
+    pub fn off_nats(&self) -> f64 {
+        (self.squared() / 3.0).ln_1p()
+    }
+
+    /// How much the touches say of the size of a part, nats, as large as a square of this side and known to a quarter of a millimetre before.
+    pub fn known_nats(&self, side_mm: f64) -> f64 {
+        let before = SIZE_MM * SIZE_MM;
+        let after = self.covariance.map(|row| row.map(|value| side_mm * side_mm * value));
+        let mut both = after;
+        (0..3).for_each(|axis| both[axis][axis] += before);
+        let nats = 0.5 * (align::determinant(&both) / align::determinant(&after)).ln();
+        if nats.is_finite() { nats.max(0.0) } else { 0.0 }
     }
 }
 
@@ -96,8 +115,10 @@ impl UsualStrain {
     pub fn of(touches: &[Drawing<'_>], mosaic: &Mosaic<'_>) -> Self {
         let mean = Strain::of(touches, mosaic, &Se2::IDENTITY).mean;
         let n_groups = (touches.len() / A_FEW).max(1);
-        let group = |group: usize| -> Vec<Drawing<'_>> { touches.iter().skip(group).step_by(n_groups).copied().collect() };
-        let far = |at: usize| Strain::of(&group(at), mosaic, &Se2::IDENTITY).against(&Self { mean, times: 1.0 }).squared();
+        let group =
+            |group: usize| -> Vec<Drawing<'_>> { touches.iter().skip(group).step_by(n_groups).copied().collect() };
+        let far =
+            |at: usize| Strain::of(&group(at), mosaic, &Se2::IDENTITY).against(&Self { mean, times: 1.0 }).squared();
         let times = (0..n_groups).map(far).sum::<f64>() / (3 * n_groups) as f64;
         Self { mean, times }
     }

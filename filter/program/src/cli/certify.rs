@@ -91,7 +91,7 @@ fn say(certified: &Certified, place: &str) {
     });
     program::say(format_args!(
         "{place}: {} episodes with strangers ({n_stranger_parts} parts), {} with parts that are there; C_llr {cost_bits:.3} bits\n  \
-         offset {:.2}, by fit {:.2}, by touch {:.2}, by verifier {:.2}, by what is expected of it {:.2}; {}\n  \
+         offset {:.2}, by fit {:.2}, by touch {:.2}, by verifier {:.2}, by what is expected of it {:.2}, by a known size {:.2}, by one that is off {:.2}; {}\n  \
          strangers {:.2} and {:.2} beyond, against {} parts; parts that are there {:.2} and {:.2}",
         odds.n_strangers,
         odds.n_present,
@@ -100,6 +100,8 @@ fn say(certified: &Certified, place: &str) {
         odds.by_touch,
         odds.by_verifier,
         odds.by_expected,
+        odds.by_size,
+        odds.by_strain,
         shared,
         odds.strangers.at,
         odds.strangers.scale,

@@ -65,10 +65,8 @@ pub(super) fn expected_of_scene(
         let is_enough = log_odds.len() >= ENOUGH;
         Ok(is_enough.then(|| (Spread::from_values(&log_odds), UsualStrain::of(&drawings, &mosaic))))
     };
-    let of_side = |side| -> Result<(Vec<Option<Spread>>, Vec<Option<UsualStrain>>)> {
-        let of_parts = threads::each(0..mosaics.n_parts(), |part| of_part(part, side))?;
-        Ok(of_parts.into_iter().map(Option::unzip).unzip())
-    };
-    let ((holes, hole_strains), (pegs, peg_strains)) = (of_side(Side::Hole)?, of_side(Side::Peg)?);
+    let of_side = |side| threads::each(0..mosaics.n_parts(), |part| of_part(part, side));
+    let (holes, hole_strains) = of_side(Side::Hole)?.into_iter().map(Option::unzip).unzip();
+    let (pegs, peg_strains) = of_side(Side::Peg)?.into_iter().map(Option::unzip).unzip();
     Ok(Expected { maps_sha256: verifier.sha256().to_owned(), holes, pegs, hole_strains, peg_strains })
 }
