@@ -66,6 +66,9 @@ pub struct OfVerifier {
     pub nats: f64,
     /// Touches that it is of.
     pub n_touches: usize,
+    /// How much larger along both axes parts seem than under a simulated sensor, 0.01 for a hundredth.
+    #[serde(default)]
+    pub strain: f64,
 }
 
 impl Calibration {

@@ -454,14 +454,15 @@ fn known_touches_tell_what_a_verifier_says_of_a_sensor() {
         let said = calibrate("two.bank", holes, &["--maps", &maps, "--out", "own.safetensors"]);
         let said: Value = serde_json::from_str(said.done()).unwrap();
         let of = |name: &str| said["verifier"][name].as_f64().unwrap();
-        (of("nats"), of("n_touches"))
+        (of("nats"), of("n_touches"), of("strain"))
     };
     // What was expected of this sensor by 64 other touches: within three standard errors, where one varies by 2 nats.
-    let (nats, n) = measured("usual");
+    let (nats, n, strain) = measured("usual");
     assert!(n >= 16.0 && nats.abs() < 3.0 * 2.0 * (1.0 / n + 1.0 / 64.0_f64).sqrt(), "{nats} of {n}");
-    // Pressed deeper than the bank's pegs.
-    let (nats, n) = measured("other");
-    assert!(nats < -3.0, "{nats} of {n}");
+    assert!(strain.abs() < 0.02, "{strain}");
+    // Pressed deeper than the bank's pegs, whose outlines seem farther out.
+    let (nats, n, strain) = measured("other");
+    assert!(nats < -3.0 && strain > 0.01, "{nats} of {n}, {strain}");
     // It counts where the same networks judge, and nowhere else.
     let own = || Model::load(&at.join("own.safetensors")).unwrap();
     let with_maps = own().with_maps(Maps::load(maps.as_ref()).unwrap()).unwrap();
@@ -469,7 +470,8 @@ fn known_touches_tell_what_a_verifier_says_of_a_sensor() {
     assert_eq!((plain.verifier_offset, plain.verifier_touches), (0.0, 0.25));
     assert!((judged.verifier_offset - nats * n / (n + 0.25)).abs() < 1e-9, "{judged:?}");
     assert!((judged.verifier_touches - 1.0 / (1.0 / (n + 0.25) + 0.5)).abs() < 1e-9);
-    assert_eq!(TouchModel { verifier_offset: 0.0, verifier_touches: 0.25, ..judged }, plain);
+    assert_eq!((plain.sensor_strain, judged.sensor_strain), (0.0, strain));
+    assert_eq!(TouchModel { verifier_offset: 0.0, verifier_touches: 0.25, sensor_strain: 0.0, ..judged }, plain);
     // Several sensors tell what is for any: no offset.
     let two = calibrate("two.bank", "usual", &["--holes", "other", "--maps", &maps, "--out", "two.safetensors"]);
     assert_eq!(serde_json::from_str::<Value>(two.done()).unwrap()["verifier"], Value::Null);

@@ -205,9 +205,10 @@ fn text(calibration: &Calibration) -> String {
     if let Some(between) = between_sensors {
         text += &format!(", of it {between:.3} from sensor to sensor");
     }
-    if let Some(OfVerifier { nats, n_touches, .. }) = verifier {
+    if let Some(OfVerifier { nats, n_touches, strain, .. }) = verifier {
         text += &format!(
-            "\n  the verifier says {nats:+.2} nats of each of {n_touches} touches more than of simulated ones"
+            "\n  the verifier says {nats:+.2} nats of each of {n_touches} touches more than of simulated ones; parts seem {:+.1} % larger",
+            100.0 * strain
         );
     }
     if let Some(steepness) = steepness {

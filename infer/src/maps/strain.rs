@@ -73,6 +73,14 @@ impl Strain {
         }
     }
 
+    /// The same beyond what is this sensor's ([`shared`]), of which a part may show half more or less.
+    pub fn without(&self, sensor: f64) -> Self {
+        let Self { mean: [along_x, along_y, across], mut covariance } = *self;
+        let variance = (0.5 * sensor).powi(2);
+        covariance[..2].iter_mut().for_each(|row| row[..2].iter_mut().for_each(|value| *value += variance));
+        Self { mean: [along_x - sensor, along_y - sensor, across], covariance }
+    }
+
     /// How far it is from none, squared standard deviations: about 3 where there is none.
     fn squared(&self) -> f64 {
         let Some(information) = align::inverse(self.covariance) else { return 0.0 };
@@ -95,6 +103,20 @@ impl Strain {
         let nats = 0.5 * (align::determinant(&both) / align::determinant(&after)).ln();
         if nats.is_finite() { nats.max(0.0) } else { 0.0 }
     }
+}
+
+/// How much larger along both axes parts seem that are there, under any sensor: one standard deviation.
+const OF_SENSORS: f64 = 0.02;
+
+/// How much larger along both axes every part seems under a sensor by whose touches parts came to these strains: deeper presses and other gels
+/// draw outlines farther out.
+pub fn shared(strains: &[Strain]) -> f64 {
+    let weighed = strains.iter().map(|Strain { mean: [x, y, _], covariance: c }| {
+        let variance = 0.25 * (c[0][0] + 2.0 * c[0][1] + c[1][1]);
+        (0.5 * (x + y) / variance, variance.recip())
+    });
+    let (sum, weight) = weighed.fold((0.0, OF_SENSORS.powi(-2)), |(sum, weight), (next, of)| (sum + next, weight + of));
+    sum / weight
 }
 
 /// How a part seems to differ in size from its own map: what holes read unlike pegs is no other size.
@@ -239,6 +261,42 @@ mod tests {
                 assert!((0.002..0.03).contains(&covariance[axis][axis].sqrt()), "{covariance:?}");
             }
         }
+    }
+
+    #[test]
+    fn what_a_sensor_shares_is_found_from_its_touches_and_taken_off() {
+        let variance = 0.01_f64.powi(2);
+        let covariance = [[variance, 0.0, 0.0], [0.0, variance, 0.0], [0.0, 0.0, variance]];
+        let strains = [0.02, 0.03, 0.04].map(|x| Strain { mean: [x, 0.06 - x, 0.01], covariance });
+        // Each tells 0.03 to half of that variance; together with none, known to 0.02.
+        let n = 6.0 / variance;
+        let found = shared(&strains);
+        assert!((found - 0.03 * n / (n + OF_SENSORS.powi(-2))).abs() < 1e-12, "{found}");
+        assert_eq!(shared(&[]), 0.0);
+        let left = Strain { mean: [0.05, 0.03, 0.01], covariance }.without(0.04);
+        assert!((left.mean[0] - 0.01).abs() < 1e-12 && (left.mean[1] + 0.01).abs() < 1e-12 && left.mean[2] == 0.01);
+        // Along both axes together less is known, between them as much as before.
+        let sum = left.covariance[0][0] + 2.0 * left.covariance[0][1] + left.covariance[1][1];
+        let difference = left.covariance[0][0] - 2.0 * left.covariance[0][1] + left.covariance[1][1];
+        assert!(
+            (sum - 2.0 * variance - 4.0 * 0.02 * 0.02).abs() < 1e-12 && (difference - 2.0 * variance).abs() < 1e-12
+        );
+    }
+
+    #[test]
+    fn touches_of_a_part_that_reads_larger_are_usual_of_it() {
+        let touches = stretched([0.05, 0.05, 0.0], 0.0);
+        let first = Se2::from_degrees(4.5, 0.3, 20.0);
+        let drawings: Vec<Drawing<'_>> =
+            touches.iter().map(|(pose, map)| Drawing { map, first_from_sensor: first * *pose }).collect();
+        let mosaics = mosaics();
+        let mosaic = mosaics.of(0, Side::Peg);
+        let usual = UsualStrain::of(&drawings, &mosaic);
+        assert!((0..2).all(|axis| (usual.mean[axis] - 0.05).abs() < 0.01), "{usual:?}");
+        let found = Strain::of(&drawings, &mosaic, &Se2::IDENTITY);
+        // Against what is usual it is of the right size, and by itself it is not.
+        assert!(found.against(&usual).off_nats() < 0.1 && found.off_nats() > 1.0, "{found:?}");
+        assert!(usual.is_possible() && !UsualStrain { times: f64::NAN, ..usual }.is_possible());
     }
 
     #[test]

@@ -18,10 +18,11 @@ use crate::bank::views::Views;
 use crate::calibration::{BLANK_SHARE, Calibration, OfVerifier, Prior, Spread};
 use crate::embedding::model::Model;
 use crate::error::{Error, Result};
+use crate::maps::strain::{Strain, shared};
 use sample::low_similarity;
 use sensors::Matched;
 use steepness::AmongViews;
-use verified::Judge;
+use verified::{Judge, Judged};
 
 /// Without a prior fewer holes with an edge than this say too little.
 const MIN_HOLES: usize = 50;
@@ -61,9 +62,9 @@ pub struct Touches {
     matched: Vec<Vec<f64>>,
     /// The same touches next to all views, where the model has a fitted likelihood.
     among_views: Vec<AmongViews>,
-    /// What a verifier says of the first sensor's touches more than is expected of each, nats, and the checksum of its networks; `None`
-    /// where none judges them.
-    verified: Option<(String, Vec<f64>)>,
+    /// What the first sensor's touches come to, more than is expected of each, and the checksum of the networks that judge; `None` where
+    /// none does.
+    verified: Option<(String, Vec<Judged>)>,
     /// What the bank's views are of.
     views: Views,
 }
@@ -122,7 +123,7 @@ impl Touches {
                 let of_touch = |odds| AmongViews::new((odds, side), bank, (query, edge_share), (own, &all));
                 found.among_views.extend(odds.map(of_touch));
                 if let Some((judge, (_, said))) = judge.as_ref().zip(found.verified.as_mut()) {
-                    said.push(judge.more_than_expected(&images[i], part, &pose)?);
+                    said.extend(judge.more_than_expected(&images[i], part, &pose)?);
                 }
             }
         }
@@ -202,7 +203,15 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibration
         n_holes: touches.len(),
         verifier: touches.verified.as_ref().filter(|_| is_one_sensor).and_then(|(maps_sha256, said)| {
             let (maps_sha256, n_touches) = (maps_sha256.clone(), said.len());
-            (n_touches > 0).then(|| OfVerifier { maps_sha256, nats: Spread::from_values(said).mean, n_touches })
+            let nats: Vec<f64> = said.iter().map(|touch| touch.nats).collect();
+            let strains: Vec<Strain> = said.iter().filter_map(|touch| touch.strain).collect();
+            let strain = shared(&strains);
+            (n_touches > 0).then(|| OfVerifier {
+                maps_sha256,
+                nats: Spread::from_values(&nats).mean,
+                n_touches,
+                strain,
+            })
         }),
         prior: prior.copied(),
     })

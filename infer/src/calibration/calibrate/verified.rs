@@ -9,11 +9,21 @@ use crate::embedding::model::Model;
 use crate::error::Result;
 use crate::maps::align::{Drawing, Start, align};
 use crate::maps::mosaic::Mosaics;
+use crate::maps::strain::Strain;
 use crate::maps::verifier::{Verifier, compared};
 use crate::maps::{MapDrawer, Maps};
 
 /// How well the stated poses are known: one standard deviation, mm and degrees.
 const STATED: [f64; 2] = [0.5, 1.0];
+
+/// What a touch came to, more than touches of its part under a simulated sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Judged {
+    /// What the verifier says, nats.
+    pub(super) nats: f64,
+    /// How much larger the part seems, where the bank knows what is usual.
+    pub(super) strain: Option<Strain>,
+}
 
 /// Judges touches of a side by a bank's maps.
 pub(super) struct Judge<'a> {
@@ -39,16 +49,18 @@ impl<'a> Judge<'a> {
         self.verifier.sha256()
     }
 
-    /// What it says of a touch near a pose of a part more than is expected there, nats.
-    pub(super) fn more_than_expected(&self, image: &TactileImage, part: usize, pose: &Se2) -> Result<f64> {
+    /// What a touch near a pose of a part comes to there, more than is expected.
+    pub(super) fn more_than_expected(&self, image: &TactileImage, part: usize, pose: &Se2) -> Result<Vec<Judged>> {
         let Self { drawer, verifier, bank, mosaics, side, view_mm, usual } = *self;
         let mosaic = mosaics.of(part, side);
-        let said = drawer.draw(std::slice::from_ref(image), side, view_mm)?.into_iter().map(|map| {
+        let expected = bank.expected().and_then(|expected| expected.of(part, side)).map_or(usual, |spread| spread.mean);
+        let usual_strain = bank.expected().and_then(|expected| expected.strain_of(part, side));
+        let judged = drawer.draw(std::slice::from_ref(image), side, view_mm)?.into_iter().map(|map| {
             let drawing = Drawing { map: &map, first_from_sensor: Se2::IDENTITY };
-            let found = align(&[drawing], &mosaic, &Start::known_to(*pose, STATED));
-            verifier.log_odds(&compared((&map, side), &mosaic, &found.part_from_first))
+            let found = align(&[drawing], &mosaic, &Start::known_to(*pose, STATED)).part_from_first;
+            let strain = usual_strain.map(|usual| Strain::of(&[drawing], &mosaic, &found).against(&usual));
+            Judged { nats: verifier.log_odds(&compared((&map, side), &mosaic, &found)) - expected, strain }
         });
-        let expected = bank.expected().and_then(|expected| expected.of(part, side));
-        Ok(said.sum::<f64>() - expected.map_or(usual, |expected| expected.mean))
+        Ok(judged.collect())
     }
 }
