@@ -11,8 +11,11 @@ use tactile_data::pose::se2::Se2;
 use super::align::{self, Drawing, FAR, Pixel, SHARED, USUAL_COST, pixels_of};
 use super::mosaic::Mosaic;
 
-/// Steps; strains are small, so that the third rarely moves one by a thousandth.
+/// Steps at most; strains are small, so that the third rarely moves one by a thousandth.
 const STEPS: usize = 4;
+
+/// A step of less than so many standard deviations of each number is the last one.
+const STILL: f64 = 0.02;
 
 /// Only this near an outline, mm, does a distance say where that is: farther off maps are cut off.
 const REACH_MM: f64 = 2.5;
@@ -54,8 +57,10 @@ impl Strain {
                 sums.slopes[at] += (found[at] - start[at]) * sd.powi(-2);
             }
             covariance = inverse(sums.squares);
-            for (number, row) in found.iter_mut().zip(covariance) {
-                *number -= row.iter().zip(sums.slopes).map(|(a, b)| a * b).sum::<f64>();
+            let step = covariance.map(|row| -row.iter().zip(sums.slopes).map(|(a, b)| a * b).sum::<f64>());
+            found.iter_mut().zip(step).for_each(|(number, step)| *number += step);
+            if (0..N).all(|at| step[at].powi(2) < STILL * STILL * covariance[at][at]) {
+                break;
             }
         }
         let of_strain = |at: usize| 3 + at;
