@@ -271,11 +271,7 @@ impl<'a> Asked<'a> {
     pub(crate) fn presence(self, placed: &Placed) -> Option<Presence> {
         let (fit, n_fitted) = (placed.fit?, placed.n_fitted());
         let (odds, verified) = match placed.verified.zip(self.bank.presence(self.side())) {
-            Some((verified, odds)) => {
-                let strain = verified.strain.map(|strain| strain.without(self.model.sensor_strain));
-                let verified = Verified { strain, ..verified };
-                (*odds, Some(self.config.sensor.verifier.taken_off(self.model, verified)))
-            }
+            Some((verified, odds)) => (*odds, Some(self.config.sensor.verifier.taken_off(self.model, verified))),
             None => (self.model.presence(), None),
         };
         Some(odds.presence(&Felt { fit, n_fitted, verified }, self.bank.parts().len()))

@@ -28,10 +28,11 @@ pub struct VerifierOffset {
 }
 
 impl VerifierOffset {
-    /// What is said, less what is this sensor's.
+    /// What is said, and the strain, less what is this sensor's.
     pub(crate) fn taken_off(&self, model: &TouchModel, verified: Verified) -> Verified {
         let nats = SHARE * (model.verifier_offset + self.nats);
-        Verified { log_odds: verified.log_odds - verified.n_new * nats, ..verified }
+        let strain = verified.strain.map(|strain| strain.without(model.sensor_strain));
+        Verified { log_odds: verified.log_odds - verified.n_new * nats, strain, ..verified }
     }
 
     /// With what one more confident hole tells, if it tells anything. `usual`: what is said of a touch on a part that the bank does not

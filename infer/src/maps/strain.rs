@@ -246,7 +246,7 @@ mod tests {
             .iter()
             .map(|(first_from_sensor, map)| Drawing { map, first_from_sensor: *first_from_sensor })
             .collect();
-        // A little beside where they were made.
+        // Not quite where they were made.
         Strain::of(&drawings, &mosaics().of(0, Side::Peg), &Se2::from_degrees(4.65, 0.2, 21.0))
     }
 
