@@ -48,6 +48,25 @@ pub enum Error {
     },
 }
 
+/// `invalid` and `io` of an error that holds this crate's as its variant `Data`.
+#[macro_export]
+macro_rules! wraps_data_error {
+    ($error:ident) => {
+        impl $error {
+            /// A value of `what` that does not make sense.
+            pub fn invalid(what: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
+                Self::Data($crate::Error::invalid(what, expected, got))
+            }
+
+            /// Attaches the path to an I/O error: `.map_err(Error::io(path))`.
+            pub fn io(path: impl AsRef<std::path::Path>) -> impl FnOnce(std::io::Error) -> Self {
+                let with_path = $crate::Error::io(path);
+                move |source| Self::Data(with_path(source))
+            }
+        }
+    };
+}
+
 /// What is wrong with a frame of the sensor. Counts are 0 to 255, over all channels.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]

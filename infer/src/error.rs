@@ -1,7 +1,5 @@
 //! What can go wrong between a frame and its embedding.
 
-use std::path::Path;
-
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -24,23 +22,14 @@ pub enum Error {
     },
 }
 
-impl Error {
-    /// A value of `what` that does not make sense.
-    pub fn invalid(what: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
-        Self::Data(tactile_data::Error::invalid(what, expected, got))
-    }
+tactile_data::wraps_data_error!(Error);
 
+impl Error {
     /// The same error with the file in front of what is wrong.
     pub fn within(self, place: impl std::fmt::Display) -> Self {
         match self {
             Self::Data(error) => Self::Data(error.within(place)),
             other => other,
         }
-    }
-
-    /// Attaches the path to an I/O error: `.map_err(Error::io(path))`.
-    pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
-        let with_path = tactile_data::Error::io(path);
-        move |source| Self::Data(with_path(source))
     }
 }

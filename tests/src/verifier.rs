@@ -12,7 +12,9 @@ use tactile_data::pose::se2::Se2;
 use tactile_data::scene::{Kit, Parts, Scene};
 use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_data::sensor::touch_map::{TouchMap, TouchMaps};
-use tactile_filter::{Episode, EpisodeConfig, Estimate, Observation, Sensor, SensorMatch, Settings, TouchModel};
+use tactile_filter::{
+    Episode, EpisodeConfig, Estimate, Observation, Sensor, SensorMatch, Settings, StopReason, TouchModel, Warning,
+};
 use tactile_infer::bank::simulated::bank_of_scene;
 use tactile_infer::bank::simulated::mosaics::with_maps_of_scene;
 use tactile_infer::bank::views::Views;
@@ -328,8 +330,17 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
     let known = first.learn();
     assert_eq!((known.n_holes, verified.n_new), (1, 1.0));
     assert!((known.verifier.nats - (verified.log_odds - expected) / 1.25).abs() < 1e-9, "{known:?} {verified:?}");
-    // Half of it is taken off; what is felt stays.
-    let sensor = SensorMatch { verifier: known.verifier, n_holes: 1, ..SensorMatch::default() };
+    // How much larger the part seems is as likely the sensor's, where that is 0.02 and the touch as unsure.
+    let seems = verified.strain.unwrap();
+    let ([x, y, _], [[xx, xy, _], [_, yy, _], _]) = (seems.mean, seems.covariance);
+    let informed = 4.0 / (xx + 2.0 * xy + yy);
+    let shared = 0.5 * (x + y) * informed / (informed + 0.02_f64.powi(-2));
+    assert!(
+        (known.strain.mean - shared).abs() < 1e-12 && (known.strain.information - informed).abs() < 1e-6,
+        "{known:?}"
+    );
+    // It is taken off, and half of what is said; what is felt stays.
+    let sensor = SensorMatch { verifier: known.verifier, strain: known.strain, n_holes: 1, ..SensorMatch::default() };
     let [none, learnt] = [SensorMatch { n_holes: 1, ..SensorMatch::default() }, sensor].map(|sensor| {
         let found =
             Episode::begin(eager.with_sensor(sensor), bank.clone(), &touch(Se2::IDENTITY, 4)).unwrap().estimate();
@@ -338,8 +349,54 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
         (felt, found.presence.unwrap().log_odds)
     });
     assert!((odds.log_odds(&none.0) - none.1).abs() < 1e-9);
-    let less = Verified { log_odds: verified.log_odds - 0.5 * known.verifier.nats, ..verified };
+    let less = Verified {
+        log_odds: verified.log_odds - 0.5 * known.verifier.nats,
+        strain: Some(seems.without(known.strain.mean)),
+        ..verified
+    };
     assert!((odds.log_odds(&Felt { verified: Some(less), ..learnt.0 }) - learnt.1).abs() < 1e-9);
+}
+
+#[test]
+fn another_size_is_told_with_how_much_it_is() {
+    let maps = Maps::load(shipped("maze-small.maps").as_ref()).unwrap();
+    let model = Model::load(shipped("maze-small").as_ref()).unwrap().with_maps(maps.clone()).unwrap();
+    let (model, reach) =
+        (Arc::new(model), PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 15.0, theta_step_deg: 15.0 });
+    let scene = |bars: &str| {
+        let scene = format!("{}/../data/scenes/sizes.toml{bars}", env!("CARGO_MANIFEST_DIR"));
+        Scene { reach: Some(reach), ..Scene::load(&scene).unwrap() }
+    };
+    // Bars 11 and 12 mm long are known; 12 and 14 mm ones are touched at their ends and in between.
+    let known = scene("#1+2");
+    let bank = bank_of_scene(&model, &known, Views::Pegs, 1, &|_, _| ()).unwrap();
+    let bank = Arc::new(with_maps_of_scene(bank, &maps, (&known, Views::Pegs), 1, &|_, _| ()).unwrap());
+    let found = |bar: &str| {
+        let simulator = Simulator::new(scene(bar), 1).unwrap();
+        let sensor = Sensor::new(model.clone(), &simulator.no_contact(7)).unwrap();
+        let touch = |pose: Se2, n: u64| {
+            sensor.observe(&simulator.touch(0, Side::Peg, &pose, &mut frame_rng(5, n)).unwrap()).unwrap()
+        };
+        let poses = [[1.0, 0.5, 4.0], [-3.0, 1.0, -8.0], [3.0, -1.0, 10.0], [0.0, -2.0, 0.0]];
+        let poses = poses.map(|[x, y, deg]| Se2::from_degrees(x, y, deg));
+        let config = EpisodeConfig::of_side(&model, Side::Peg);
+        let mut episode = Episode::begin(config, bank.clone(), &touch(poses[0], 1)).unwrap();
+        for (n, pair) in (2..).zip(poses.windows(2)) {
+            episode.observe(pair[0].inverse() * pair[1], &touch(pair[1], n)).unwrap();
+        }
+        episode.estimate()
+    };
+    let there = found("#2+1");
+    assert_eq!(
+        (there.part.as_str(), there.stop, &there.warnings[..]),
+        ("bar-12x4", Some(StopReason::Confident), &[][..])
+    );
+    let stranger = found("#4+1");
+    let [Warning::OtherSize { longer: [along_x, along_y], sd }] = stranger.warnings[..] else { panic!("{stranger:?}") };
+    assert!((along_x - 2.0 / 12.0).abs() < 0.04 && along_y.abs() < 0.08, "{along_x} {along_y}");
+    assert!((0.002..0.04).contains(&sd[0]) && along_x > 4.0 * sd[0], "{sd:?}");
+    let said = stranger.warnings[0].to_string();
+    assert!(said.starts_with("what was felt is not of that part's size: +1"), "{said}");
 }
 
 #[test]

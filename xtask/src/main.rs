@@ -16,7 +16,6 @@ mod program;
 mod python;
 mod real;
 mod reproduce;
-mod slurm;
 mod step;
 mod tidy;
 mod validate;
@@ -86,9 +85,6 @@ enum Chore {
     /// Compare the graphics card (or Mesa's llvmpipe) with the CPU: embeddings and first training steps.
     #[command(after_help = "Example:\n  cargo xtask wgpu")]
     Wgpu,
-    /// Run shards with real Slurm on this machine: a job array, a task killed, a merge, compared with a single run.
-    #[command(after_help = "Example:\n  cargo xtask slurm")]
-    Slurm,
     /// Check the rules that no compiler checks.
     #[command(after_help = "Example:\n  cargo xtask tidy")]
     Tidy,
@@ -124,7 +120,6 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Dds(args) => dds::dds(&workspace, args),
         Chore::Views => dds::views(&workspace),
         Chore::Wgpu => wgpu::wgpu(&workspace),
-        Chore::Slurm => slurm::slurm(&workspace),
         Chore::Tidy => tidy::tidy(&workspace),
     }
 }

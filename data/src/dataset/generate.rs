@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::Path;
 
-use rand::rngs::ChaCha8Rng;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
@@ -16,7 +15,6 @@ use crate::dataset::touch::{Side, Touch};
 use crate::error::{Error, Result};
 use crate::file::output;
 use crate::frame::Frame;
-use crate::pose::grid::PoseGrid;
 use crate::pose::se2::Se2;
 use crate::scene::lab::Lab;
 use crate::scene::random::{around_zero, frame_rng};
@@ -86,7 +84,7 @@ pub fn plan(scene: &Scene, sides: &[Side], places: Places, seed: u64) -> Result<
         Places::EachPose => reach.pose(i),
         Places::Anywhere(_) => {
             let stream = ((2 * part + usize::from(side == Side::Peg)) << 32) + i;
-            anywhere(&reach, &mut frame_rng(seed ^ 0x61_6e_79, stream as u64))
+            reach.draw(&mut frame_rng(seed ^ 0x61_6e_79, stream as u64))
         }
     };
     let mut planned = Vec::new();
@@ -97,12 +95,6 @@ pub fn plan(scene: &Scene, sides: &[Side], places: Places, seed: u64) -> Result<
         }
     }
     Ok(planned)
-}
-
-/// A pose drawn from the range of a grid.
-fn anywhere(reach: &PoseGrid, rng: &mut ChaCha8Rng) -> Se2 {
-    let mut around = |half| around_zero(rng, half);
-    Se2::from_degrees(around(reach.xy_half_mm), around(reach.xy_half_mm), around(reach.theta_half_deg))
 }
 
 /// What rendering a scene's dataset, or one shard of it, takes; nothing is rendered yet.

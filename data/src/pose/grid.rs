@@ -1,5 +1,6 @@
 //! The grid of poses at which a part was touched.
 
+use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
@@ -95,6 +96,12 @@ impl PoseGrid {
     pub fn strides(&self) -> [usize; 3] {
         let n_theta = self.n_theta();
         [self.n_xy() * n_theta, n_theta, 1]
+    }
+
+    /// A pose anywhere in the range, each equally likely.
+    pub fn draw(&self, rng: &mut impl RngExt) -> Se2 {
+        let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+        Se2::from_degrees(around(self.xy_half_mm), around(self.xy_half_mm), around(self.theta_half_deg))
     }
 
     /// The pose of a cell in `0..len()`, counted as [`Self::strides`] says.

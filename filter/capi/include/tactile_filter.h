@@ -47,6 +47,11 @@
 #define TF_WARNING_OTHER_SIDE 4
 
 /**
+ * Bit of tf_estimate.warnings: what was felt is longer or shorter than the named part, which is not named with confidence.
+ */
+#define TF_WARNING_OTHER_SIZE 8
+
+/**
  * What every function answers. After any of them but TF_STATUS_OK nothing was changed, unless it says so.
  */
 typedef enum tf_status {

@@ -85,6 +85,8 @@ pub const TF_WARNING_LOW_SIMILARITY: u32 = 1;
 pub const TF_WARNING_NOTHING_SEEN: u32 = 2;
 /// Bit of tf_estimate.warnings: the bank is made for the other side than the one that is touched.
 pub const TF_WARNING_OTHER_SIDE: u32 = 4;
+/// Bit of tf_estimate.warnings: what was felt is longer or shorter than the named part, which is not named with confidence.
+pub const TF_WARNING_OTHER_SIZE: u32 = 8;
 
 /// What is known after the touches so far.
 #[repr(C)]
@@ -170,6 +172,7 @@ impl tf_estimate {
             Warning::LowSimilarity { .. } => TF_WARNING_LOW_SIMILARITY,
             Warning::NothingSeen => TF_WARNING_NOTHING_SEEN,
             Warning::OtherSide { .. } => TF_WARNING_OTHER_SIDE,
+            Warning::OtherSize { .. } => TF_WARNING_OTHER_SIZE,
         });
         Ok(Self {
             part,

@@ -47,12 +47,7 @@ impl<'a> Hole<'a> {
                 let cell = rng.random_range(0..grid.len());
                 (Some(cell), grid.pose(cell))
             }
-            (_, Poses::OffGrid) => {
-                let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
-                let at =
-                    Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg));
-                (None, at)
-            }
+            (_, Poses::OffGrid) => (None, grid.draw(&mut rng)),
         };
         let frame = first_view.unwrap_or(0);
         let (part_from_sensor, print, slopes, touched) = (first, 0, [0.0; 2], Vec::new());

@@ -60,10 +60,7 @@ fn run(mut node: Node, mut robot: Robot) -> Result<[Vec<f64>; 2], tactile_live::
         while let Some(next) = heard.pop() {
             for sent in robot.step(time_ns, &next)? {
                 let input = match sent {
-                    Sent::Image(cdr) => Input::Image(cdr),
-                    Sent::CompressedImage(cdr) => Input::CompressedImage(cdr),
-                    Sent::ToolPose(cdr) => Input::ToolPose(cdr),
-                    Sent::PartPose(cdr) => Input::PartPose(cdr),
+                    Sent::Given(given, cdr) => Input::Given(given, cdr),
                     Sent::Call(request) => {
                         n_calls += 1;
                         Input::Called { request, id: n_calls }
@@ -71,7 +68,7 @@ fn run(mut node: Node, mut robot: Robot) -> Result<[Vec<f64>; 2], tactile_live::
                     Sent::Say(_) => continue,
                 };
                 let is_observe = matches!(input, Input::Called { request: Request::Observe, .. });
-                let is_picture = matches!(input, Input::Image(_) | Input::CompressedImage(_));
+                let is_picture = matches!(&input, Input::Given(given, _) if given.is_picture());
                 let event = Event { time_ns, input };
                 let start = Instant::now();
                 let outputs = node.step(&event);

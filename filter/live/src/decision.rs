@@ -134,7 +134,10 @@ impl DecisionReport {
         };
         match (self.stop, self.next) {
             (Some(StopReason::Confident), _) => format!("touch {n}: it is {part}, {sure} sure"),
-            (Some(StopReason::NoneOfThese), _) => format!("touch {n}: none of these parts ({part} is the nearest)"),
+            (Some(StopReason::NoneOfThese), _) => {
+                let why: String = self.estimate.warnings.iter().map(|warning| format!("; {warning}")).collect();
+                format!("touch {n}: none of these parts ({part} is the nearest{why})")
+            }
             (Some(StopReason::TouchLimit), _) => format!("touch {n}: no more touches; {perhaps}"),
             (Some(StopReason::NothingToLearn), _) => format!("touch {n}: nothing left to touch; {perhaps}"),
             (None, Some(next)) => format!(
@@ -210,6 +213,9 @@ mod tests {
         let none = of(Some(StopReason::NoneOfThese));
         assert_eq!(none, ("touch 10: none of these parts (O is the nearest)".into(), "none of these".into()));
         assert_eq!([of(Some(StopReason::TouchLimit)).1, of(None).1], ["O?", "O?"]);
+        let mut report = report(Some(StopReason::NoneOfThese), None);
+        report.estimate.warnings = vec!["no touch is like it".into()];
+        assert_eq!(report.line(), "touch 10: none of these parts (O is the nearest; no touch is like it)");
     }
 
     #[test]

@@ -1,7 +1,5 @@
 //! What can go wrong around the node. What the node itself refuses it reports and goes on.
 
-use std::path::Path;
-
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -37,15 +35,4 @@ pub enum Error {
     Data(#[from] tactile_data::Error),
 }
 
-impl Error {
-    /// A value of `what` that does not make sense.
-    pub fn invalid(what: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
-        Self::Data(tactile_data::Error::invalid(what, expected, got))
-    }
-
-    /// An error of the operating system with a file or folder.
-    pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
-        let with_path = tactile_data::Error::io(path);
-        move |source| Self::Data(with_path(source))
-    }
-}
+tactile_data::wraps_data_error!(Error);

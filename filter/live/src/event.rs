@@ -1,8 +1,8 @@
 //! What comes in, and what goes out: bytes of ROS 2 messages, so that the network, the log and a viewer get the same.
 
 use tactile_data::recording::ros::messages::{
-    DiagnosticArray, Message, OccupancyGrid, PointCloud2, PoseArray, PoseStamped, PoseWithCovarianceStamped, TFMessage,
-    Text, TransformStamped,
+    CompressedImage, DiagnosticArray, Image, Message, OccupancyGrid, PointCloud2, PoseArray, PoseStamped,
+    PoseWithCovarianceStamped, TFMessage, Text, TransformStamped,
 };
 
 /// Something that happened, and when.
@@ -17,15 +17,8 @@ pub struct Event {
 /// What happened. Messages are their bytes in CDR, as they came: what is wrong with them is for the node to say.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Input {
-    /// `sensor_msgs/msg/Image`.
-    Image(Vec<u8>),
-    /// `sensor_msgs/msg/CompressedImage`.
-    CompressedImage(Vec<u8>),
-    /// `geometry_msgs/msg/PoseStamped`: the tool in the robot's base frame.
-    ToolPose(Vec<u8>),
-    /// `geometry_msgs/msg/PoseWithCovarianceStamped`: the part of the next hole in the robot's base frame, as it was seen before it is
-    /// touched.
-    PartPose(Vec<u8>),
+    /// A message came.
+    Given(Given, Vec<u8>),
     /// A service was called.
     Called {
         /// Which one.
@@ -37,6 +30,56 @@ pub enum Input {
     Cameras(u32),
     /// Time went by.
     Tick,
+}
+
+/// The messages that the node is given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Given {
+    /// `sensor_msgs/msg/Image`.
+    Image,
+    /// `sensor_msgs/msg/CompressedImage`.
+    CompressedImage,
+    /// `geometry_msgs/msg/PoseStamped`: the tool in the robot's base frame.
+    ToolPose,
+    /// `geometry_msgs/msg/PoseWithCovarianceStamped`: the part of the next hole in the robot's base frame, as it was seen before it is
+    /// touched.
+    PartPose,
+}
+
+impl Given {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Image, Self::CompressedImage, Self::ToolPose, Self::PartPose];
+
+    /// Its name below the node's.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Image => "~/image",
+            // As image_transport names it.
+            Self::CompressedImage => "~/image/compressed",
+            Self::ToolPose => "~/tool_pose",
+            Self::PartPose => "~/part_pose",
+        }
+    }
+
+    /// The type of its messages and their definition.
+    pub fn message(self) -> [&'static str; 2] {
+        match self {
+            Self::Image => of::<Image>(),
+            Self::CompressedImage => of::<CompressedImage>(),
+            Self::ToolPose => of::<PoseStamped>(),
+            Self::PartPose => of::<PoseWithCovarianceStamped>(),
+        }
+    }
+
+    /// Whether it is a picture.
+    pub fn is_picture(self) -> bool {
+        matches!(self, Self::Image | Self::CompressedImage)
+    }
+}
+
+/// The type of a message and its definition.
+fn of<M: Message>() -> [&'static str; 2] {
+    [M::TYPE, M::DEFINITION]
 }
 
 /// The services, each a `std_srvs/srv/Trigger`.
@@ -152,9 +195,6 @@ impl Topic {
 
     /// The type of its messages and their definition.
     pub fn message(self) -> [&'static str; 2] {
-        fn of<M: Message>() -> [&'static str; 2] {
-            [M::TYPE, M::DEFINITION]
-        }
         match self {
             Self::Pose => of::<PoseWithCovarianceStamped>(),
             Self::Frame => of::<TFMessage>(),

@@ -11,7 +11,6 @@
 
 pub mod camera;
 pub mod decision;
-mod diagnostics;
 mod error;
 pub mod event;
 #[cfg(feature = "foxglove")]
@@ -39,6 +38,6 @@ pub mod watch;
 
 pub use decision::DecisionReport;
 pub use error::{Error, Result};
-pub use event::{Event, Input, Output, Request, Topic};
+pub use event::{Event, Given, Input, Output, Request, Topic};
 pub use node::Node;
 pub use parameters::Parameters;

@@ -11,12 +11,10 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use tactile_data::recording::ros::bag;
 use tactile_data::recording::ros::bag_writer::{BagWriter, ChannelId};
-use tactile_data::recording::ros::messages::{
-    CompressedImage, Image, Message, PoseStamped, PoseWithCovarianceStamped, Text, to_cdr,
-};
+use tactile_data::recording::ros::messages::{Message, Text, to_cdr};
 
 use crate::error::{Error, Result};
-use crate::event::{Event, Input, Output, Request, Topic};
+use crate::event::{Event, Given, Input, Output, Request, Topic};
 use crate::parameters::Parameters;
 
 /// Between two flushes, nanoseconds: what a program that is killed loses at most.
@@ -55,10 +53,7 @@ pub struct Setup {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Line {
     Setup,
-    Image,
-    CompressedImage,
-    ToolPose,
-    PartPose,
+    Given(Given),
     Called,
     Cameras,
     Tick,
@@ -75,11 +70,10 @@ impl Line {
         };
         match self {
             Self::Setup => own("~/setup"),
-            Self::Image => setup.image_topic.clone(),
-            // As image_transport names it.
-            Self::CompressedImage => format!("{}/compressed", setup.image_topic),
-            Self::ToolPose => setup.tool_topic.clone(),
-            Self::PartPose => setup.part_topic.clone(),
+            Self::Given(Given::Image) => setup.image_topic.clone(),
+            Self::Given(Given::CompressedImage) => format!("{}/compressed", setup.image_topic),
+            Self::Given(Given::ToolPose) => setup.tool_topic.clone(),
+            Self::Given(Given::PartPose) => setup.part_topic.clone(),
             Self::Called => own("~/called"),
             Self::Cameras => own("~/cameras"),
             Self::Tick => own("~/tick"),
@@ -91,10 +85,7 @@ impl Line {
     /// The type of its messages and their definition.
     pub(crate) fn message(self) -> [&'static str; 2] {
         match self {
-            Self::Image => [Image::TYPE, Image::DEFINITION],
-            Self::CompressedImage => [CompressedImage::TYPE, CompressedImage::DEFINITION],
-            Self::ToolPose => [PoseStamped::TYPE, PoseStamped::DEFINITION],
-            Self::PartPose => [PoseWithCovarianceStamped::TYPE, PoseWithCovarianceStamped::DEFINITION],
+            Self::Given(given) => given.message(),
             Self::Output(topic) => topic.message(),
             _ => [Text::TYPE, Text::DEFINITION],
         }
@@ -102,22 +93,19 @@ impl Line {
 
     /// The line that a message of a log is on; `None`: not one of the node's. The setup is the first message alone.
     pub(crate) fn of_message(message: &bag::Message, setup: &Setup) -> Option<Self> {
-        let pictures = [Self::Image, Self::CompressedImage];
-        let others = [Self::ToolPose, Self::PartPose, Self::Called, Self::Cameras, Self::Tick, Self::Answer];
+        let given = Given::ALL.map(Self::Given);
+        let others = [Self::Called, Self::Cameras, Self::Tick, Self::Answer];
         let outputs = Topic::ALL.map(Self::Output);
         let is_it =
             |line: &Self| line.topic(setup) == message.channel.topic && line.message()[0] == message.channel.type_name;
-        pictures.into_iter().chain(others).chain(outputs).find(is_it)
+        given.into_iter().chain(others).chain(outputs).find(is_it)
     }
 
     /// The line of an input and its bytes.
     pub(crate) fn of_input(input: &Input) -> (Self, std::borrow::Cow<'_, [u8]>) {
         let text = |data: String| to_cdr(&Text { data }).into();
         match input {
-            Input::Image(cdr) => (Self::Image, cdr.into()),
-            Input::CompressedImage(cdr) => (Self::CompressedImage, cdr.into()),
-            Input::ToolPose(cdr) => (Self::ToolPose, cdr.into()),
-            Input::PartPose(cdr) => (Self::PartPose, cdr.into()),
+            Input::Given(given, cdr) => (Self::Given(*given), cdr.into()),
             Input::Called { request, id } => (Self::Called, text(format!("{} {id}", request.name()))),
             Input::Cameras(n) => (Self::Cameras, text(n.to_string())),
             Input::Tick => (Self::Tick, text(String::new())),
@@ -139,10 +127,7 @@ impl Line {
     pub(crate) fn input(self, cdr: Vec<u8>) -> Option<Input> {
         let text = |cdr: &[u8]| tactile_data::recording::ros::messages::from_cdr::<Text>(cdr, "log").ok();
         match self {
-            Self::Image => Some(Input::Image(cdr)),
-            Self::CompressedImage => Some(Input::CompressedImage(cdr)),
-            Self::ToolPose => Some(Input::ToolPose(cdr)),
-            Self::PartPose => Some(Input::PartPose(cdr)),
+            Self::Given(given) => Some(Input::Given(given, cdr)),
             Self::Tick => Some(Input::Tick),
             Self::Cameras => text(&cdr)?.data.parse().ok().map(Input::Cameras),
             Self::Called => {

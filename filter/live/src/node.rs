@@ -1,5 +1,7 @@
 //! The node: a pure step from an event to what is published.
 
+mod diagnostics;
+
 use std::sync::Arc;
 
 use tactile_data::pose::grid::PoseGrid;
@@ -10,9 +12,8 @@ use tactile_infer::{Bank, Model};
 
 use crate::camera::{Arrival, Camera, ClockFault, Kind};
 use crate::decision::{DecisionReport, Touched};
-use crate::diagnostics::Diagnostics;
 use crate::error::{Error, Result};
-use crate::event::{Event, Input, Output, Request, Topic};
+use crate::event::{Event, Given, Input, Output, Request, Topic};
 use crate::parameters::{Parameters, Trigger};
 use crate::published::Scene;
 use crate::rest::{Calibrated, Collecting};
@@ -123,10 +124,12 @@ impl Node {
     pub fn step(&mut self, event: &Event) -> Vec<Output> {
         self.now_ns = self.now_ns.max(event.time_ns);
         match &event.input {
-            Input::Image(cdr) => self.on_picture(|camera, now_ns| camera.image(now_ns, cdr)),
-            Input::CompressedImage(cdr) => self.on_picture(|camera, now_ns| camera.compressed(now_ns, cdr)),
-            Input::ToolPose(cdr) => self.on_pose(cdr),
-            Input::PartPose(cdr) => self.on_part(cdr),
+            Input::Given(Given::Image, cdr) => self.on_picture(|camera, now_ns| camera.image(now_ns, cdr)),
+            Input::Given(Given::CompressedImage, cdr) => {
+                self.on_picture(|camera, now_ns| camera.compressed(now_ns, cdr));
+            }
+            Input::Given(Given::ToolPose, cdr) => self.on_pose(cdr),
+            Input::Given(Given::PartPose, cdr) => self.on_part(cdr),
             Input::Called { request, id } => self.on_request(*request, *id),
             Input::Cameras(n) => self.on_cameras(*n),
             Input::Tick => self.on_tick(),
@@ -399,21 +402,7 @@ impl Node {
         self.check_camera();
         if self.diagnosed_ns.is_none_or(|diagnosed_ns| self.now_ns - diagnosed_ns >= DIAGNOSTICS_NS) {
             self.diagnosed_ns = Some(self.now_ns);
-            self.publish(Topic::Diagnostics, self.diagnostics().to_cdr());
-        }
-    }
-
-    fn diagnostics(&self) -> Diagnostics<'_> {
-        Diagnostics {
-            now_ns: self.now_ns,
-            camera: &self.camera,
-            tool: &self.tool,
-            troubles: &self.troubles,
-            rest_needed: self.rest_needed.as_deref(),
-            n_episodes: self.n_episodes,
-            n_touches: self.n_touches(),
-            n_refused: self.n_refused,
-            latest: self.latest,
+            self.publish(Topic::Diagnostics, to_cdr(&self.diagnostics()));
         }
     }
 

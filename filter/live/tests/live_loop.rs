@@ -30,7 +30,7 @@ use tactile_live::shell::{Spoken, folder, pair, spoken};
 use tactile_live::sources::commands::{Command, Place};
 use tactile_live::sources::folder::Folder;
 use tactile_live::sources::placed;
-use tactile_live::{DecisionReport, Event, Input, Node, Output, Parameters, Request, replay};
+use tactile_live::{DecisionReport, Event, Given, Input, Node, Output, Parameters, Request, replay};
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../infer/models/maze-small.safetensors");
 
@@ -377,7 +377,7 @@ impl ByHand {
 }
 
 fn shown(frame: &Frame) -> Input {
-    Input::Image(to_cdr(&Image::of_frame(Header::default(), frame)))
+    Input::Given(Given::Image, to_cdr(&Image::of_frame(Header::default(), frame)))
 }
 
 #[test]
@@ -391,9 +391,14 @@ fn a_touch_is_refused_where_its_pose_was_refused_or_never_came() {
     let pose = |x_m: f64, frame_id: &str| {
         let header = Header { frame_id: frame_id.into(), ..Header::default() };
         let pose = Pose { position: [x_m, 0.0, 0.0], orientation: [0.0, 0.0, 0.0, 1.0] };
-        Input::ToolPose(to_cdr(&PoseStamped { header, pose }))
+        Input::Given(Given::ToolPose, to_cdr(&PoseStamped { header, pose }))
     };
-    for bad in [pose(f64::NAN, "plane"), pose(4e3, "plane"), pose(0.004, "tool0"), Input::ToolPose(vec![0, 1, 0, 0])] {
+    for bad in [
+        pose(f64::NAN, "plane"),
+        pose(4e3, "plane"),
+        pose(0.004, "tool0"),
+        Input::Given(Given::ToolPose, vec![0, 1, 0, 0]),
+    ] {
         // The motion was made and its pose was good, until a bad one came.
         for inputs in [vec![placed(&Se2::IDENTITY), bad], vec![]] {
             let said = hand.touch(inputs).unwrap_err();
@@ -407,7 +412,7 @@ fn a_touch_is_refused_where_its_pose_was_refused_or_never_came() {
     let mut place = Place::default();
     for (line, is_good) in [("touch 1e300 0 0", false), ("touch", false), ("touch 1 0 0", true)] {
         let inputs = place.events(line.parse::<Command>().unwrap(), 5);
-        let pose = inputs.into_iter().filter(|input| matches!(input, Input::ToolPose(_)));
+        let pose = inputs.into_iter().filter(|input| matches!(input, Input::Given(Given::ToolPose, _)));
         assert_eq!(hand.touch(pose).is_ok(), is_good, "{line}");
     }
     assert_eq!(hand.n_touches(), 3);

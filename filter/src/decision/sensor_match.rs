@@ -6,6 +6,8 @@
 //! value: it goes into [`EpisodeConfig::sensor`](crate::EpisodeConfig) and comes out of [`Episode::learn`](crate::Episode::learn).
 
 use serde::{Deserialize, Serialize};
+use tactile_infer::calibration::presence::Verified;
+use tactile_infer::maps::sensor_strain::SensorStrain;
 
 use crate::decision::{Placed, VerifierOffset};
 use crate::error::{Error, Result};
@@ -36,6 +38,9 @@ pub struct SensorMatch {
     /// What a verifier says of its touches, where there is one.
     #[serde(skip_serializing_if = "VerifierOffset::is_none")]
     pub verifier: VerifierOffset,
+    /// How much larger parts seem than [`TouchModel::sensor_strain`] has it, where there are maps.
+    #[serde(skip_serializing_if = "SensorStrain::is_none")]
+    pub strain: SensorStrain,
 }
 
 /// The mean of the standard scores of a hole's edged touches, and how many they are.
@@ -89,7 +94,15 @@ impl SensorMatch {
         let Some(scores) = placed.scores else { return *self };
         let said = placed.verified.zip(usual);
         let verifier = said.map_or(self.verifier, |(verified, usual)| self.verifier.with(model, &verified, usual));
-        Self { verifier, ..self.with(model, scores) }
+        let seems = placed.verified.and_then(|verified| verified.strain);
+        let strain = seems.map_or(self.strain, |seems| self.strain.with(&seems.without(model.sensor_strain)));
+        Self { verifier, strain, ..self.with(model, scores) }
+    }
+
+    /// What a verifier says, and the strain, less what is this sensor's.
+    pub(crate) fn taken_off(&self, model: &TouchModel, verified: Verified) -> Verified {
+        let strain = verified.strain.map(|strain| strain.without(model.sensor_strain + self.strain.mean));
+        self.verifier.taken_off(model, Verified { strain, ..verified })
     }
 
     /// With what the scores of one more confident hole tell.
@@ -111,7 +124,7 @@ impl SensorMatch {
     pub(crate) fn validate(&self) -> Result<()> {
         let is_told =
             self.offset.abs() < 1e6 && (0.0..1e12).contains(&self.weight) && (0.0..1e12).contains(&self.squares);
-        let is_told = is_told && self.verifier.is_valid();
+        let is_told = is_told && self.verifier.is_valid() && self.strain.is_possible();
         let is_none = self.n_holes > 0 || *self == Self::default();
         if is_told && is_none {
             return Ok(());
@@ -190,6 +203,7 @@ mod tests {
             SensorMatch { squares: -1.0, n_holes: 1, ..SensorMatch::default() },
             SensorMatch { offset: 1.0, ..SensorMatch::default() },
             SensorMatch { n_holes: 1, verifier: VerifierOffset { nats: -2.0, weight: 0.0 }, ..SensorMatch::default() },
+            SensorMatch { n_holes: 1, strain: SensorStrain { mean: 0.1, information: 0.0 }, ..SensorMatch::default() },
         ] {
             let error = sensor.validate().unwrap_err().to_string();
             assert!(error.starts_with("episode.sensor: expected numbers that Episode::learn returned"), "{error}");

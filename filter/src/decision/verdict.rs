@@ -10,6 +10,7 @@ use tactile_data::dataset::touch::Side;
 use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::calibration::presence::{Felt, Presence, Verified};
+use tactile_infer::maps::strain::Strain;
 
 use crate::belief::{Belief, Hill, Hypothesis};
 use crate::config::EpisodeConfig;
@@ -19,6 +20,10 @@ use crate::decision::candidates::{Candidates, likeliest};
 use crate::settings::Settings;
 use crate::touch::Observation;
 use crate::touch_model::TouchModel;
+
+/// So many standard deviations along an axis make another size: after five touches of parts that are there one in a hundred comes as far,
+/// of parts a millimetre longer half to nine in ten (MAZE parts of the fit).
+const OTHER_SIZE: f64 = 4.0;
 
 /// Why an episode is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,6 +103,13 @@ pub enum Warning {
     },
     /// Every touch was blank: no edge was ever seen.
     NothingSeen,
+    /// What was felt is not of the size of the named part, which is not named with confidence.
+    OtherSize {
+        /// How much longer it is along x and along y, 1 for twice as long.
+        longer: [f64; 2],
+        /// Their standard deviations.
+        sd: [f64; 2],
+    },
     /// The bank is made for the other side than the one that is touched.
     OtherSide {
         /// What is touched, what the bank is made for, and how to make one that suits ([`Bank::other_side`]).
@@ -119,6 +131,14 @@ impl std::fmt::Display for Warning {
                 write!(f, "no touch looks like any recorded view (best cosine {best:.2}, expected {floor:.2} or more)")
             }
             Self::NothingSeen => write!(f, "no touch showed an edge"),
+            Self::OtherSize { longer: [x, y], sd: [x_sd, y_sd] } => write!(
+                f,
+                "what was felt is not of that part's size: {:+.1} ± {:.1} % along x, {:+.1} ± {:.1} % along y",
+                100.0 * x,
+                100.0 * x_sd,
+                100.0 * y,
+                100.0 * y_sd
+            ),
             Self::OtherSide { why } => f.write_str(why),
         }
     }
@@ -185,7 +205,7 @@ impl<'a> Asked<'a> {
     pub(crate) fn verdict(self) -> Verdict {
         let Candidates { part, probability, placed, presence, .. } = *self.candidates();
         let covariance = self.covariance(part, &placed);
-        let standing = self.standing(probability, presence, || covariance);
+        let stop = self.config.stop(&self.standing(probability, presence, || covariance));
         Verdict {
             part,
             probability,
@@ -193,8 +213,8 @@ impl<'a> Asked<'a> {
             placed,
             presence,
             covariance,
-            stop: self.config.stop(&standing),
-            warnings: self.warnings(),
+            stop,
+            warnings: self.warnings(&placed, stop),
         }
     }
 
@@ -271,7 +291,7 @@ impl<'a> Asked<'a> {
     pub(crate) fn presence(self, placed: &Placed) -> Option<Presence> {
         let (fit, n_fitted) = (placed.fit?, placed.n_fitted());
         let (odds, verified) = match placed.verified.zip(self.bank.presence(self.side())) {
-            Some((verified, odds)) => (*odds, Some(self.config.sensor.verifier.taken_off(self.model, verified))),
+            Some((verified, odds)) => (*odds, Some(self.config.sensor.taken_off(self.model, verified))),
             None => (self.model.presence(), None),
         };
         Some(odds.presence(&Felt { fit, n_fitted, verified }, self.bank.parts().len()))
@@ -287,7 +307,15 @@ impl<'a> Asked<'a> {
         Standing { probability, presence, place_mm2, n_touches: self.belief.touches().len() }
     }
 
-    fn warnings(self) -> Vec<Warning> {
+    /// The size of what was felt, where that is not the part's and the part is not named for it.
+    fn other_size(self, placed: &Placed, stop: Option<StopReason>) -> Option<Warning> {
+        let verified = placed.verified.filter(|_| stop != Some(StopReason::Confident))?;
+        let Strain { mean, covariance } = self.config.sensor.taken_off(self.model, verified).strain?;
+        let (longer, sd) = ([mean[0], mean[1]], [covariance[0][0].sqrt(), covariance[1][1].sqrt()]);
+        (0..2).any(|axis| longer[axis].abs() > OTHER_SIZE * sd[axis]).then_some(Warning::OtherSize { longer, sd })
+    }
+
+    fn warnings(self, placed: &Placed, stop: Option<StopReason>) -> Vec<Warning> {
         let edged = self.belief.touches().iter().map(|touched| &touched.likelihood).filter(|touch| !touch.blank);
         let best = edged.map(|touch| touch.best_cosine).reduce(f32::max);
         let floor = self.config.model.low_similarity;
@@ -297,7 +325,7 @@ impl<'a> Asked<'a> {
             Some(_) => None,
         };
         let of_bank = self.bank.other_side(self.side()).map(|why| Warning::OtherSide { why });
-        of_touches.into_iter().chain(of_bank).collect()
+        of_touches.into_iter().chain(self.other_size(placed, stop)).chain(of_bank).collect()
     }
 }
 

@@ -28,11 +28,10 @@ pub struct VerifierOffset {
 }
 
 impl VerifierOffset {
-    /// What is said, and the strain, less what is this sensor's.
-    pub(crate) fn taken_off(&self, model: &TouchModel, verified: Verified) -> Verified {
+    /// What is said, less what is this sensor's.
+    pub(super) fn taken_off(&self, model: &TouchModel, verified: Verified) -> Verified {
         let nats = SHARE * (model.verifier_offset + self.nats);
-        let strain = verified.strain.map(|strain| strain.without(model.sensor_strain));
-        Verified { log_odds: verified.log_odds - verified.n_new * nats, strain, ..verified }
+        Verified { log_odds: verified.log_odds - verified.n_new * nats, ..verified }
     }
 
     /// With what one more confident hole tells, if it tells anything. `usual`: what is said of a touch on a part that the bank does not

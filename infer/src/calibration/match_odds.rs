@@ -18,6 +18,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::bank::similarity::dot;
+use crate::calibration::check;
 use crate::error::{Error, Result};
 
 /// Edge pixels that noise alone may show, a share of the view.
@@ -103,10 +104,6 @@ impl MatchOdds {
 /// The distance of two embeddings of unit length by their cosine.
 pub fn distance(cosine: f64) -> f64 {
     (2.0 * (1.0 - cosine)).max(0.0).sqrt()
-}
-
-fn check(field: &str, expected: &str, got: f64, is_good: bool) -> Result<()> {
-    if is_good { Ok(()) } else { Err(Error::invalid(field, expected, got.to_string())) }
 }
 
 #[cfg(test)]

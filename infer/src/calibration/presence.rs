@@ -19,8 +19,8 @@
 use serde::{Deserialize, Serialize};
 use tactile_data::dataset::touch::Side;
 
-use crate::calibration::Spread;
-use crate::error::{Error, Result};
+use crate::calibration::{Spread, check};
+use crate::error::Result;
 use crate::maps::strain::Strain;
 
 /// The share of the episodes that a tail is fitted to.
@@ -267,15 +267,13 @@ impl PresenceOdds {
             ("present.scale", self.present.scale),
             ("n_parts", self.n_parts),
         ];
-        let odd = finite.into_iter().find(|(_, value)| !value.is_finite()).map(|odd| (odd, "a finite number"));
-        let odd = odd.or_else(|| {
-            let is_odd = |(_, value): &(&str, f64)| !(value.is_finite() && *value > 0.0);
-            positive.into_iter().find(is_odd).map(|odd| (odd, "a positive number"))
-        });
-        match odd {
-            Some(((field, value), expected)) => Err(Error::invalid(field, expected, value.to_string())),
-            None => Ok(()),
+        for (field, value) in finite {
+            check(field, "a finite number", value, value.is_finite())?;
         }
+        for (field, value) in positive {
+            check(field, "a positive number", value, value.is_finite() && value > 0.0)?;
+        }
+        Ok(())
     }
 }
 

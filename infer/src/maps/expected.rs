@@ -6,7 +6,7 @@ use tactile_data::dataset::touch::Side;
 
 use crate::calibration::Spread;
 use crate::error::{Error, Result};
-use crate::maps::strain::UsualStrain;
+use crate::maps::usual_strain::UsualStrain;
 
 /// The log-odds that a verifier gives to touches with an edge at their own poses, of each part, nats.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -10,6 +10,7 @@ use tactile_data::pose::se2::Se2;
 
 use super::align::{self, Drawing, FAR, Pixel, SHARED, USUAL_COST, pixels_of};
 use super::mosaic::Mosaic;
+use super::usual_strain::UsualStrain;
 
 /// Steps at most; strains are small, so that the third rarely moves one by a thousandth.
 const STEPS: usize = 4;
@@ -78,7 +79,7 @@ impl Strain {
         }
     }
 
-    /// The same beyond what is this sensor's ([`shared`]), of which a part may show half more or less.
+    /// The same beyond what is this sensor's ([`super::sensor_strain`]), of which a part may show half more or less.
     pub fn without(&self, sensor: f64) -> Self {
         let Self { mean: [along_x, along_y, across], mut covariance } = *self;
         let variance = (0.5 * sensor).powi(2);
@@ -87,7 +88,7 @@ impl Strain {
     }
 
     /// How far it is from none, squared standard deviations: about 3 where there is none.
-    fn squared(&self) -> f64 {
+    pub(super) fn squared(&self) -> f64 {
         let Some(information) = align::inverse(self.covariance) else { return 0.0 };
         let along = |row: usize| (0..3).map(|at| information[row][at] * self.mean[at]).sum::<f64>();
         (0..3).map(|row| self.mean[row] * along(row)).sum()
@@ -107,52 +108,6 @@ impl Strain {
         (0..3).for_each(|axis| both[axis][axis] += before);
         let nats = 0.5 * (align::determinant(&both) / align::determinant(&after)).ln();
         if nats.is_finite() { nats.max(0.0) } else { 0.0 }
-    }
-}
-
-/// How much larger along both axes parts seem that are there, under any sensor: one standard deviation.
-const OF_SENSORS: f64 = 0.02;
-
-/// How much larger along both axes every part seems under a sensor by whose touches parts came to these strains: deeper presses and other gels
-/// draw outlines farther out.
-pub fn shared(strains: &[Strain]) -> f64 {
-    let weighed = strains.iter().map(|Strain { mean: [x, y, _], covariance: c }| {
-        let variance = 0.25 * (c[0][0] + 2.0 * c[0][1] + c[1][1]);
-        (0.5 * (x + y) / variance, variance.recip())
-    });
-    let (sum, weight) = weighed.fold((0.0, OF_SENSORS.powi(-2)), |(sum, weight), (next, of)| (sum + next, weight + of));
-    sum / weight
-}
-
-/// How a part seems to differ in size from its own map: what holes read unlike pegs is no other size.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct UsualStrain {
-    /// The strain of all its touches together.
-    pub mean: [f64; 3],
-    /// How many times as far as they say, in variance, a few touches are from that.
-    pub times: f64,
-}
-
-/// Touches of which it is asked how far they are from all of them.
-const A_FEW: usize = 4;
-
-impl UsualStrain {
-    /// The usual strain of touches, laid where they were made on a part; at least four.
-    pub fn of(touches: &[Drawing<'_>], mosaic: &Mosaic<'_>) -> Self {
-        let mean = Strain::of(touches, mosaic, &Se2::IDENTITY).mean;
-        let n_groups = (touches.len() / A_FEW).max(1);
-        let group =
-            |group: usize| -> Vec<Drawing<'_>> { touches.iter().skip(group).step_by(n_groups).copied().collect() };
-        let far =
-            |at: usize| Strain::of(&group(at), mosaic, &Se2::IDENTITY).against(&Self { mean, times: 1.0 }).squared();
-        let times = (0..n_groups).map(far).sum::<f64>() / (3 * n_groups) as f64;
-        Self { mean, times }
-    }
-
-    /// Whether touches can come to it.
-    pub(super) fn is_possible(&self) -> bool {
-        self.mean.iter().all(|strain| strain.is_finite()) && self.times.is_finite() && self.times >= 0.0
     }
 }
 
@@ -218,7 +173,7 @@ fn inverse(mut m: [[f64; N]; N]) -> [[f64; N]; N] {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use tactile_data::dataset::touch::Side;
 
     use super::super::DrawnMap;
@@ -226,7 +181,7 @@ mod tests {
     use super::*;
 
     /// Touches round a part that is the known one, stretched by `1 + strain` along each axis and moved outwards by `offset_mm`.
-    fn stretched(strain: [f64; 3], offset_mm: f64) -> Vec<(Se2, DrawnMap)> {
+    pub(in super::super) fn stretched(strain: [f64; 3], offset_mm: f64) -> Vec<(Se2, DrawnMap)> {
         let first = Se2::from_degrees(4.5, 0.3, 20.0);
         let poses = [[4.5, 0.3, 20.0], [-4.2, 0.4, 130.0], [0.3, 3.1, -70.0], [-0.8, -2.9, 10.0]];
         let shape = |[x, y]: [f64; 2]| {
@@ -269,15 +224,9 @@ mod tests {
     }
 
     #[test]
-    fn what_a_sensor_shares_is_found_from_its_touches_and_taken_off() {
+    fn what_is_a_sensors_is_taken_off_and_half_of_it_left_unsure() {
         let variance = 0.01_f64.powi(2);
         let covariance = [[variance, 0.0, 0.0], [0.0, variance, 0.0], [0.0, 0.0, variance]];
-        let strains = [0.02, 0.03, 0.04].map(|x| Strain { mean: [x, 0.06 - x, 0.01], covariance });
-        // Each tells 0.03 to half of that variance; together with none, known to 0.02.
-        let n = 6.0 / variance;
-        let found = shared(&strains);
-        assert!((found - 0.03 * n / (n + OF_SENSORS.powi(-2))).abs() < 1e-12, "{found}");
-        assert_eq!(shared(&[]), 0.0);
         let left = Strain { mean: [0.05, 0.03, 0.01], covariance }.without(0.04);
         assert!((left.mean[0] - 0.01).abs() < 1e-12 && (left.mean[1] + 0.01).abs() < 1e-12 && left.mean[2] == 0.01);
         // Along both axes together less is known, between them as much as before.
@@ -286,22 +235,6 @@ mod tests {
         assert!(
             (sum - 2.0 * variance - 4.0 * 0.02 * 0.02).abs() < 1e-12 && (difference - 2.0 * variance).abs() < 1e-12
         );
-    }
-
-    #[test]
-    fn touches_of_a_part_that_reads_larger_are_usual_of_it() {
-        let touches = stretched([0.05, 0.05, 0.0], 0.0);
-        let first = Se2::from_degrees(4.5, 0.3, 20.0);
-        let drawings: Vec<Drawing<'_>> =
-            touches.iter().map(|(pose, map)| Drawing { map, first_from_sensor: first * *pose }).collect();
-        let mosaics = mosaics();
-        let mosaic = mosaics.of(0, Side::Peg);
-        let usual = UsualStrain::of(&drawings, &mosaic);
-        assert!((0..2).all(|axis| (usual.mean[axis] - 0.05).abs() < 0.01), "{usual:?}");
-        let found = Strain::of(&drawings, &mosaic, &Se2::IDENTITY);
-        // Against what is usual it is of the right size, and by itself it is not.
-        assert!(found.against(&usual).off_nats() < 0.1 && found.off_nats() > 1.0, "{found:?}");
-        assert!(usual.is_possible() && !UsualStrain { times: f64::NAN, ..usual }.is_possible());
     }
 
     #[test]

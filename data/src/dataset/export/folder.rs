@@ -9,26 +9,11 @@ use crate::dataset::store::Dataset;
 use crate::error::{Error, Result};
 use crate::frame::picture;
 use crate::pose::se2::Se2;
+use crate::recording::index::COLUMNS;
 use crate::recording::spreadsheet::cell_of;
 
 /// Name of the frame at rest in the folder.
 pub const NO_CONTACT: &str = "no_contact.png";
-
-/// Columns of the index.
-const COLUMNS: [&str; 12] = [
-    "file",
-    "part",
-    "side",
-    "x_mm",
-    "y_mm",
-    "theta_deg",
-    "moved_x_mm",
-    "moved_y_mm",
-    "moved_theta_deg",
-    "pair",
-    "episode",
-    "time_s",
-];
 
 /// Writes the frames as `000000.png` and so on (`.jpg` with a `jpeg` quality of 1 to 100), `index.csv` and the frame
 /// at rest to a new folder. Positions come back to the last bit; angles do where some number of degrees gives their

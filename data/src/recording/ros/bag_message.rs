@@ -4,7 +4,7 @@ use std::io::{Cursor, Read};
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
-use crate::recording::ros::cdr::{Layout, Reader};
+use crate::recording::ros::cdr::{Field, Layout, Reader};
 use crate::recording::ros::record_file::MAX_RECORD_BYTES;
 use crate::recording::ros::unpack::{ZSTD_MAGIC, Zstd};
 
@@ -42,17 +42,18 @@ impl Message {
         &self.data
     }
 
-    /// What `read` makes of its fields; bytes behind them are padding.
+    /// What it begins with; bytes behind that are padding.
     ///
     /// # Errors
-    /// Bytes that cannot be unpacked, and the errors of `read`.
-    pub fn read<T>(self, read: impl FnOnce(&mut Reader) -> Result<T>) -> Result<T> {
+    /// Bytes that cannot be unpacked, and the errors of [`Field::read`].
+    pub fn read<T: Field>(self) -> Result<T> {
         let (place, layout) = (self.place(), self.layout);
         let bytes = self.unpacked()?;
-        read(&mut match layout {
+        let mut cdr = match layout {
             Layout::Cdr => Reader::new(&bytes, &place)?,
             Layout::Ros1 => Reader::ros1(&bytes, &place),
-        })
+        };
+        T::read(&mut cdr, "a header")
     }
 
     /// Its bytes, unpacked where rosbag2 packed each message by itself.

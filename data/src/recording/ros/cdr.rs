@@ -76,49 +76,17 @@ impl<'a> Reader<'a> {
         Ok(bytes)
     }
 
-    /// An unsigned byte.
-    pub fn u8(&mut self, field: &str) -> Result<u8> {
-        Ok(self.number::<1>(field)?[0])
-    }
-
-    /// An unsigned number of 32 bits.
-    pub fn u32(&mut self, field: &str) -> Result<u32> {
-        self.number(field).map(u32::from_le_bytes)
-    }
-
-    /// A signed number of 32 bits.
-    pub fn i32(&mut self, field: &str) -> Result<i32> {
-        self.number(field).map(i32::from_le_bytes)
-    }
-
-    /// A number with 32 bits.
-    pub fn f32(&mut self, field: &str) -> Result<f32> {
-        self.number(field).map(f32::from_le_bytes)
-    }
-
-    /// A number with 64 bits.
-    pub fn f64(&mut self, field: &str) -> Result<f64> {
-        self.number(field).map(f64::from_le_bytes)
-    }
-
-    /// A string of UTF-8.
-    pub fn string(&mut self, field: &str) -> Result<String> {
-        let bytes = self.bytes(field)?;
-        let text = std::str::from_utf8(bytes.strip_suffix(&[0]).unwrap_or(bytes));
-        text.map(str::to_owned).map_err(|e| Error::invalid(self.place, format!("{field} in UTF-8"), e.to_string()))
-    }
-
     /// A sequence of bytes.
-    pub fn bytes(&mut self, field: &str) -> Result<&'a [u8]> {
-        let n_bytes = self.u32(field)? as usize;
+    fn bytes(&mut self, field: &str) -> Result<&'a [u8]> {
+        let n_bytes = u32::read(self, field)? as usize;
         self.take(n_bytes, field)
     }
 
-    /// The count of a sequence whose items take at least `item_bytes` each.
-    pub fn count(&mut self, item_bytes: usize, field: &str) -> Result<usize> {
-        let count = self.u32(field)? as usize;
+    /// The count of a sequence; an item takes at least a byte.
+    pub(super) fn count(&mut self, field: &str) -> Result<usize> {
+        let count = u32::read(self, field)? as usize;
         let left = self.body.len() - self.at;
-        if count.checked_mul(item_bytes).is_none_or(|needed| needed > left) {
+        if count > left {
             let got = format!("the last {left} bytes");
             return Err(Error::invalid(self.place, format!("{count} {field}"), got));
         }
@@ -139,41 +107,9 @@ impl Writer {
         self.body.extend(bytes);
     }
 
-    /// An unsigned byte.
-    pub fn u8(&mut self, value: u8) {
-        self.body.push(value);
-    }
-
-    /// An unsigned number of 32 bits.
-    pub fn u32(&mut self, value: u32) {
-        self.number(value.to_le_bytes());
-    }
-
-    /// A signed number of 32 bits.
-    pub fn i32(&mut self, value: i32) {
-        self.number(value.to_le_bytes());
-    }
-
-    /// A number with 32 bits.
-    pub fn f32(&mut self, value: f32) {
-        self.number(value.to_le_bytes());
-    }
-
-    /// A number with 64 bits.
-    pub fn f64(&mut self, value: f64) {
-        self.number(value.to_le_bytes());
-    }
-
-    /// A string, of less than 4 GiB.
-    pub fn string(&mut self, text: &str) {
-        self.u32(text.len() as u32 + 1);
-        self.body.extend(text.as_bytes());
-        self.body.push(0);
-    }
-
     /// A sequence of bytes, of less than 4 GiB.
-    pub fn bytes(&mut self, bytes: &[u8]) {
-        self.u32(bytes.len() as u32);
+    fn bytes(&mut self, bytes: &[u8]) {
+        (bytes.len() as u32).write(self);
         self.body.extend(bytes);
     }
 
@@ -182,3 +118,123 @@ impl Writer {
         [&HEADER[..], &self.body].concat()
     }
 }
+
+/// What a message is made of: numbers, texts, sequences, and structs of these.
+pub trait Field: Sized {
+    /// Reads it; `name` names it in errors.
+    ///
+    /// # Errors
+    /// Bytes that end too early, text that is not UTF-8.
+    fn read(cdr: &mut Reader, name: &str) -> Result<Self>;
+    /// Writes it.
+    fn write(&self, cdr: &mut Writer);
+}
+
+/// Numbers of some bytes, little endian.
+macro_rules! numbers {
+    ($($number:ty),+) => { $(
+        impl Field for $number {
+            fn read(cdr: &mut Reader, name: &str) -> Result<Self> {
+                cdr.number(name).map(Self::from_le_bytes)
+            }
+
+            fn write(&self, cdr: &mut Writer) {
+                cdr.number(self.to_le_bytes());
+            }
+        }
+    )+ };
+}
+
+numbers!(u8, u32, i32, f32, f64);
+
+impl Field for bool {
+    fn read(cdr: &mut Reader, name: &str) -> Result<Self> {
+        u8::read(cdr, name).map(|byte| byte != 0)
+    }
+
+    fn write(&self, cdr: &mut Writer) {
+        u8::from(*self).write(cdr);
+    }
+}
+
+impl Field for String {
+    fn read(cdr: &mut Reader, name: &str) -> Result<Self> {
+        let bytes = cdr.bytes(name)?;
+        let text = std::str::from_utf8(bytes.strip_suffix(&[0]).unwrap_or(bytes));
+        text.map(str::to_owned).map_err(|e| Error::invalid(cdr.place, format!("{name} in UTF-8"), e.to_string()))
+    }
+
+    fn write(&self, cdr: &mut Writer) {
+        (self.len() as u32 + 1).write(cdr);
+        cdr.body.extend(self.as_bytes());
+        cdr.body.push(0);
+    }
+}
+
+impl<const N: usize> Field for [f64; N] {
+    fn read(cdr: &mut Reader, name: &str) -> Result<Self> {
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = f64::read(cdr, name)?;
+        }
+        Ok(values)
+    }
+
+    fn write(&self, cdr: &mut Writer) {
+        self.iter().for_each(|value| value.write(cdr));
+    }
+}
+
+impl Field for Vec<u8> {
+    fn read(cdr: &mut Reader, name: &str) -> Result<Self> {
+        cdr.bytes(name).map(<[u8]>::to_vec)
+    }
+
+    fn write(&self, cdr: &mut Writer) {
+        cdr.bytes(self);
+    }
+}
+
+impl Field for Vec<i8> {
+    fn read(cdr: &mut Reader, name: &str) -> Result<Self> {
+        Ok(cdr.bytes(name)?.iter().map(|byte| byte.cast_signed()).collect())
+    }
+
+    fn write(&self, cdr: &mut Writer) {
+        cdr.bytes(&self.iter().map(|value| value.cast_unsigned()).collect::<Vec<u8>>());
+    }
+}
+
+/// A struct as a field, its own fields in this order, and a sequence of such; with `in` it is a message of a type, with a definition.
+macro_rules! fields {
+    ($of:ident { $($field:ident),+ } $(in $type:literal, $definition:ident)?) => {
+        impl Field for $of {
+            fn read(cdr: &mut Reader, _: &str) -> Result<Self> {
+                Ok(Self { $($field: Field::read(cdr, stringify!($field))?),+ })
+            }
+
+            fn write(&self, cdr: &mut Writer) {
+                $(self.$field.write(cdr);)+
+            }
+        }
+
+        impl Field for Vec<$of> {
+            fn read(cdr: &mut Reader, name: &str) -> Result<Self> {
+                (0..cdr.count(name)?).map(|_| Field::read(cdr, name)).collect()
+            }
+
+            fn write(&self, cdr: &mut Writer) {
+                (self.len() as u32).write(cdr);
+                self.iter().for_each(|item| item.write(cdr));
+            }
+        }
+
+        $(
+            impl Message for $of {
+                const TYPE: &str = $type;
+                const DEFINITION: &str = definitions::$definition;
+            }
+        )?
+    };
+}
+pub(super) use fields;

@@ -18,7 +18,7 @@ use crate::recording::pipeline::{Item, Picture, push};
 use crate::recording::rest;
 use crate::recording::ros::bag::{Bag, Message, Messages};
 use crate::recording::ros::choice;
-use crate::recording::ros::messages::{CompressedImage, Image, Message as _};
+use crate::recording::ros::messages::{Image, Message as _};
 use crate::recording::ros::picture::{Shown, of_compressed, of_image};
 use crate::recording::ros::placement::{Placement, Placer};
 use crate::recording::ros::pose_track::PoseTrack;
@@ -279,8 +279,8 @@ fn show(message: Message) -> Result<(Shown, String)> {
     let place = message.place();
     let is_plain = message.channel.type_name == Image::TYPE;
     let shown = match is_plain {
-        true => of_image(message.read(Image::read)?, &place)?,
-        false => of_compressed(message.read(CompressedImage::read)?, &place)?,
+        true => of_image(message.read()?, &place)?,
+        false => of_compressed(message.read()?, &place)?,
     };
     Ok((shown, place))
 }

@@ -88,22 +88,21 @@ impl Survey {
         let (log_time_ns, place) = (message.log_time_ns, message.place());
         match channel.type_name.as_str() {
             type_name if is_picture(type_name) => {
-                let header = message.read(Header::read)?;
+                let header: Header = message.read()?;
                 let time_ns = self.time_ns(&channel.topic, &header, log_time_ns);
                 self.pictures.entry(channel.topic.clone()).or_default().push(time_ns);
             }
             PoseStamped::TYPE => {
-                let PoseStamped { header, pose } = message.read(PoseStamped::read)?;
+                let PoseStamped { header, pose } = message.read()?;
                 self.note_pose(&channel.topic, &header, &pose, (log_time_ns, &place))?;
             }
             TransformStamped::TYPE => {
-                let TransformStamped { header, transform, .. } = message.read(TransformStamped::read)?;
+                let TransformStamped { header, transform, .. } = message.read()?;
                 self.note_pose(&channel.topic, &header, &transform, (log_time_ns, &place))?;
             }
             TFMessage::TYPE if with_transforms => {
                 let is_static = channel.topic.ends_with(STATIC_TRANSFORMS);
-                for TransformStamped { header, child_frame_id, transform } in message.read(TFMessage::read)?.transforms
-                {
+                for TransformStamped { header, child_frame_id, transform } in message.read::<TFMessage>()?.transforms {
                     let pose = Rigid::from_pose(&transform, &place)?;
                     let time_ns = self.time_ns(&channel.topic, &header, log_time_ns);
                     self.transforms.insert([&header.frame_id, &child_frame_id], (!is_static).then_some(time_ns), pose);

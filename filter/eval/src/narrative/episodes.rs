@@ -106,7 +106,8 @@ impl<'a> Recorder<'a> {
         self.is_over = matches!(stop, Some(StopReason::Confident | StopReason::NoneOfThese));
         self.narrative.refused = stop == Some(StopReason::NoneOfThese);
         if self.narrative.refused {
-            self.narrative.stop = "none of these parts explains the touches".into();
+            let why: String = estimate.warnings.iter().map(|warning| format!("; {warning}")).collect();
+            self.narrative.stop = format!("none of these parts explains the touches{why}");
         } else if self.is_over {
             self.narrative.stop = format!("more than {:.0} % sure", 100.0 * config.settings.stop_probability);
         }

@@ -8,6 +8,7 @@ use tactile_data::recording::ros::messages::{CompressedImage, Header, Image, Tim
 use tactile_data::sensor::simulator::frame_rng;
 
 use crate::error::Result;
+use crate::event::Given;
 use crate::robot::{RobotSettings, Sent};
 
 /// One byte in so many changes by one count from a picture to the next: a stream of a sensor that does not move is never
@@ -139,9 +140,12 @@ impl Camera {
         Ok(match self.jpeg {
             Some(quality) => {
                 let data = jpeg(frame, quality)?;
-                Sent::CompressedImage(cut(to_cdr(&CompressedImage { header, format: "jpeg".into(), data })))
+                Sent::Given(
+                    Given::CompressedImage,
+                    cut(to_cdr(&CompressedImage { header, format: "jpeg".into(), data })),
+                )
             }
-            None => Sent::Image(cut(to_cdr(&Image::of_frame(header, frame)))),
+            None => Sent::Given(Given::Image, cut(to_cdr(&Image::of_frame(header, frame)))),
         })
     }
 }

@@ -21,7 +21,7 @@ use camera::{Camera, Shows};
 
 use crate::decision::DecisionReport;
 use crate::error::Result;
-use crate::event::Request;
+use crate::event::{Given, Request};
 
 /// Where the part is in the robot's base frame: metres, and roll, pitch and yaw in radians. The sensor looks down.
 const BASE_FROM_PART: [[f64; 3]; 2] = [[0.42, -0.13, 0.08], [std::f64::consts::PI, 0.0, 0.4]];
@@ -105,14 +105,8 @@ pub enum Heard {
 /// What the robot sends.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Sent {
-    /// `sensor_msgs/msg/Image`.
-    Image(Vec<u8>),
-    /// `sensor_msgs/msg/CompressedImage`.
-    CompressedImage(Vec<u8>),
-    /// `geometry_msgs/msg/PoseStamped`.
-    ToolPose(Vec<u8>),
-    /// `geometry_msgs/msg/PoseWithCovarianceStamped`: a camera sees the part.
-    PartPose(Vec<u8>),
+    /// A message to the node.
+    Given(Given, Vec<u8>),
     /// A service is called.
     Call(Request),
     /// A line for a person.
@@ -281,7 +275,10 @@ impl Robot {
         if self.posed_ns.is_none_or(|posed_ns| time_ns - posed_ns >= POSE_NS) {
             self.posed_ns = Some(time_ns);
             let header = Header { stamp: Time::of_nanoseconds(time_ns), frame_id: "base_link".into() };
-            sent.push(Sent::ToolPose(to_cdr(&PoseStamped { header, pose: self.base_from_tool.to_pose() })));
+            sent.push(Sent::Given(
+                Given::ToolPose,
+                to_cdr(&PoseStamped { header, pose: self.base_from_tool.to_pose() }),
+            ));
         }
         sent.extend(self.camera.picture(time_ns)?);
         Ok(())
@@ -334,7 +331,7 @@ impl Robot {
             .for_each(|(at, sd)| covariance[7 * at] = sd * sd);
         let header = Header { stamp: Time::of_nanoseconds(time_ns), frame_id: "base_link".into() };
         let pose = (self.base_from_part * Rigid::from_plane(&part_from_seen)).to_pose();
-        Some(Sent::PartPose(to_cdr(&PoseWithCovarianceStamped { header, pose, covariance })))
+        Some(Sent::Given(Given::PartPose, to_cdr(&PoseWithCovarianceStamped { header, pose, covariance })))
     }
 
     /// Lifts the sensor, to take pictures of it at rest.
@@ -410,9 +407,7 @@ impl Hole {
         let stream = (episode as u64 + 1) << 20;
         let mut rng = frame_rng(seed ^ HOLES, stream);
         let part = rng.random_range(0..simulator.parts().len());
-        let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
-        let part_from_sensor =
-            Se2::from_degrees(around(reach.xy_half_mm), around(reach.xy_half_mm), around(reach.theta_half_deg));
+        let part_from_sensor = reach.draw(&mut rng);
         // The robot's own draws are no evaluation's.
         let rng = frame_rng(seed ^ SLIPS, stream);
         Self { part, part_from_sensor, stream, rng, named: Vec::new(), n_refused: 0 }

@@ -59,10 +59,7 @@ pub fn run(
 
 fn input_of(sent: Sent, n_calls: &mut u64, say: &mut dyn FnMut(String)) -> Option<Input> {
     Some(match sent {
-        Sent::Image(cdr) => Input::Image(cdr),
-        Sent::CompressedImage(cdr) => Input::CompressedImage(cdr),
-        Sent::ToolPose(cdr) => Input::ToolPose(cdr),
-        Sent::PartPose(cdr) => Input::PartPose(cdr),
+        Sent::Given(given, cdr) => Input::Given(given, cdr),
         Sent::Call(request) => {
             *n_calls += 1;
             Input::Called { request, id: *n_calls }

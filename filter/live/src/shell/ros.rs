@@ -5,10 +5,10 @@ use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
-use tactile_data::recording::ros::messages::{CompressedImage, Image, Message, PoseStamped, PoseWithCovarianceStamped};
+use tactile_data::recording::ros::messages::{Message, PoseStamped, PoseWithCovarianceStamped};
 
 use crate::error::{Error, Result};
-use crate::event::{Event, Input, Output, Request, Topic};
+use crate::event::{Event, Given, Input, Output, Request, Topic};
 use crate::ros2::{
     Bus, Delivery, Endpoint, Inbox, Incoming, Level, Publication, RequestId, Service, Subscription, Trouble,
 };
@@ -21,10 +21,7 @@ use crate::sources::NodeClock;
 pub struct Network {
     bus: Bus,
     inbox: Inbox,
-    image: Subscription,
-    compressed: Subscription,
-    tool: Subscription,
-    part: Subscription,
+    given: BTreeMap<Subscription, Given>,
     services: [Service; 3],
     publications: BTreeMap<Topic, Publication>,
     /// Publishers of pictures, by subscription.
@@ -41,12 +38,12 @@ impl Network {
     /// # Errors
     /// Names that ROS 2 does not allow, a network that does not take them.
     pub fn join(bus: Bus, inbox: Inbox) -> Result<Self> {
-        let subscribe = |name: &str, type_name: &str| bus.subscribe(name, type_name, Delivery::Newest);
-        let image = subscribe("~/image", Image::TYPE)?;
-        let compressed = subscribe("~/image/compressed", CompressedImage::TYPE)?;
-        let tool = subscribe("~/tool_pose", PoseStamped::TYPE)?;
-        // It may come once.
-        let part = bus.subscribe("~/part_pose", PoseWithCovarianceStamped::TYPE, Delivery::Reliable)?;
+        let subscribe = |given: Given| {
+            // A part may come once.
+            let delivery = if given == Given::PartPose { Delivery::Reliable } else { Delivery::Newest };
+            Ok((bus.subscribe(given.name(), given.message()[0], delivery)?, given))
+        };
+        let given = Given::ALL.into_iter().map(subscribe).collect::<Result<_>>()?;
         let [observe, reset, calibrate] = Request::ALL.map(|request| bus.serve(request.name()));
         let mut publications = BTreeMap::new();
         for topic in Topic::ALL {
@@ -55,10 +52,7 @@ impl Network {
         }
         Ok(Self {
             services: [observe?, reset?, calibrate?],
-            image,
-            compressed,
-            tool,
-            part,
+            given,
             publications,
             cameras: BTreeMap::new(),
             calls: BTreeMap::new(),
@@ -76,9 +70,9 @@ impl Network {
     pub fn names(&self, node: &str) -> Result<Names> {
         Ok(Names {
             node: node.to_owned(),
-            image_topic: self.bus.resolve("~/image")?,
-            tool_topic: self.bus.resolve("~/tool_pose")?,
-            part_topic: self.bus.resolve("~/part_pose")?,
+            image_topic: self.bus.resolve(Given::Image.name())?,
+            tool_topic: self.bus.resolve(Given::ToolPose.name())?,
+            part_topic: self.bus.resolve(Given::PartPose.name())?,
         })
     }
 
@@ -113,14 +107,7 @@ impl Network {
     fn input(&mut self, incoming: Incoming, tell: &mut dyn FnMut(Spoken)) -> Option<(Instant, Input)> {
         match incoming {
             Incoming::Message { subscription, cdr, received, .. } => {
-                let input = match subscription {
-                    of if of == self.image => Input::Image(cdr),
-                    of if of == self.compressed => Input::CompressedImage(cdr),
-                    of if of == self.tool => Input::ToolPose(cdr),
-                    of if of == self.part => Input::PartPose(cdr),
-                    _ => return None,
-                };
-                Some((received, input))
+                self.given.get(&subscription).map(|given| (received, Input::Given(*given, cdr)))
             }
             Incoming::Request { service, id, received } => {
                 let at = self.services.iter().position(|known| *known == service)?;
@@ -129,9 +116,7 @@ impl Network {
                 Some((received, Input::Called { request: Request::ALL[at], id: self.n_calls }))
             }
             Incoming::Matched { endpoint: Endpoint::Subscription(subscription), n_peers } => {
-                if [self.tool, self.part].contains(&subscription) {
-                    return None;
-                }
+                self.given.get(&subscription).filter(|given| given.is_picture())?;
                 self.cameras.insert(subscription, n_peers);
                 let n_cameras = u32::try_from(self.n_cameras()).unwrap_or(u32::MAX);
                 Some((Instant::now(), Input::Cameras(n_cameras)))

@@ -1,15 +1,14 @@
 //! The simulated robot on a ROS 2 network: a process of its own that only messages connect with the node.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
-use tactile_data::recording::ros::messages::{
-    CompressedImage, Image, Message, PoseStamped, PoseWithCovarianceStamped, Text,
-};
+use tactile_data::recording::ros::messages::{Message, Text};
 
 use crate::error::{Error, Result};
-use crate::event::{Request, Topic};
+use crate::event::{Given, Request, Topic};
 use crate::robot::{Heard, Outcome, Robot, Sent};
 use crate::ros2::{Bus, Call, Client, Delivery, Endpoint, Inbox, Incoming, Publication, Subscription};
 use crate::shell::failures::Failures;
@@ -23,10 +22,7 @@ const TICK: Duration = Duration::from_millis(10);
 pub struct RobotNetwork {
     bus: Bus,
     inbox: Inbox,
-    image: Publication,
-    compressed: Publication,
-    tool: Publication,
-    part: Publication,
+    given: BTreeMap<Given, Publication>,
     next_pose: Subscription,
     decision: Subscription,
     clients: [Client; 3],
@@ -44,15 +40,13 @@ impl RobotNetwork {
     /// Names that ROS 2 does not allow, a network that does not take them.
     pub fn join(bus: Bus, inbox: Inbox, node: &str) -> Result<Self> {
         let name = |of_node: &str| of_node.replacen('~', node, 1);
-        let advertise = |of_node: &str, type_name: &str| bus.advertise(&name(of_node), type_name, Delivery::Reliable);
+        let advertise =
+            |given: Given| Ok((given, bus.advertise(&name(given.name()), given.message()[0], Delivery::Reliable)?));
         let subscribe = |topic: Topic| bus.subscribe(&name(topic.name()), topic.message()[0], Delivery::Reliable);
         let [observe, reset, calibrate] = Request::ALL.map(|request| bus.client(&name(request.name())));
         debug_assert_eq!(Topic::Decision.message()[0], Text::TYPE);
         Ok(Self {
-            image: advertise("~/image", Image::TYPE)?,
-            compressed: advertise("~/image/compressed", CompressedImage::TYPE)?,
-            tool: advertise("~/tool_pose", PoseStamped::TYPE)?,
-            part: advertise("~/part_pose", PoseWithCovarianceStamped::TYPE)?,
+            given: Given::ALL.into_iter().map(advertise).collect::<Result<_>>()?,
             next_pose: subscribe(Topic::NextPose)?,
             decision: subscribe(Topic::Decision)?,
             clients: [observe?, reset?, calibrate?],
@@ -112,10 +106,10 @@ impl RobotNetwork {
     /// What cannot be sent is said and left out; a call without an answer is made again.
     fn send(&mut self, sent: Sent, tell: &mut dyn FnMut(Spoken)) {
         let done = match sent {
-            Sent::Image(cdr) => self.bus.publish(self.image, &cdr),
-            Sent::CompressedImage(cdr) => self.bus.publish(self.compressed, &cdr),
-            Sent::ToolPose(cdr) => self.bus.publish(self.tool, &cdr),
-            Sent::PartPose(cdr) => self.bus.publish(self.part, &cdr),
+            Sent::Given(given, cdr) => match self.given.get(&given) {
+                Some(publication) => self.bus.publish(*publication, &cdr),
+                None => Ok(()),
+            },
             Sent::Call(request) => {
                 let at = Request::ALL.iter().position(|known| *known == request).unwrap_or_default();
                 self.bus.call(self.clients[at]).map(|call| self.call = Some(call))

@@ -82,7 +82,7 @@ fn send_log(log: &Path, setup: &Setup, pace: Option<f64>, sender: &SyncSender<Sh
             let time_ns = message.log_time_ns;
             let topic = match Line::of_message(&message, setup) {
                 Some(Line::Output(topic)) if is_shown(topic) => topic,
-                Some(line @ (Line::Image | Line::CompressedImage)) => {
+                Some(line @ Line::Given(given)) if given.is_picture() => {
                     picture = Some((line, message));
                     continue;
                 }

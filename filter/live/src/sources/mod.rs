@@ -11,7 +11,7 @@ use tactile_data::pose::se2::Se2;
 use tactile_data::recording::ros::messages::{CompressedImage, Header, PoseStamped, to_cdr};
 use tactile_data::recording::ros::rigid::Rigid;
 
-use crate::event::Input;
+use crate::event::{Given, Input};
 
 /// The node's clock: the wall clock's time at its start, and then a clock that never goes back.
 #[derive(Clone, Copy, Debug)]
@@ -43,11 +43,11 @@ impl NodeClock {
 pub fn picture(data: Vec<u8>) -> Input {
     let format = if data.starts_with(b"\x89PNG") { "png" } else { "jpeg" };
     let header = Header { frame_id: "tactile_sensor".into(), ..Header::default() };
-    Input::CompressedImage(to_cdr(&CompressedImage { header, format: format.into(), data }))
+    Input::Given(Given::CompressedImage, to_cdr(&CompressedImage { header, format: format.into(), data }))
 }
 
 /// The sensor's pose in a plane that does not move, as a tool's message.
 pub fn placed(plane_from_sensor: &Se2) -> Input {
     let header = Header { frame_id: "plane".into(), ..Header::default() };
-    Input::ToolPose(to_cdr(&PoseStamped { header, pose: Rigid::from_plane(plane_from_sensor).to_pose() }))
+    Input::Given(Given::ToolPose, to_cdr(&PoseStamped { header, pose: Rigid::from_plane(plane_from_sensor).to_pose() }))
 }

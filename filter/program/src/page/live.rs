@@ -14,7 +14,7 @@ use tactile_infer::Bank;
 use tactile_infer::maps::mosaic::Mosaic;
 use tactile_infer::maps::picture::felt;
 use tactile_live::camera::Camera;
-use tactile_live::event::{Event, Input, Output};
+use tactile_live::event::{Event, Given, Input, Output};
 use tactile_live::parameters::CameraParameters;
 use tactile_live::session::Onlooker;
 use tactile_live::shell::views::Shown;
@@ -65,7 +65,7 @@ impl LivePage {
     pub fn pictures(self: &Arc<Self>) -> Onlooker {
         let (page, mut next_ns) = (self.clone(), i64::MIN);
         Box::new(move |event: &Event, _: &[Output]| {
-            if matches!(event.input, Input::Image(_) | Input::CompressedImage(_)) && event.time_ns >= next_ns {
+            if matches!(&event.input, Input::Given(given, _) if given.is_picture()) && event.time_ns >= next_ns {
                 next_ns = event.time_ns.saturating_add(PICTURE_NS);
                 *page.latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(event.input.clone());
             }
@@ -177,8 +177,8 @@ impl LivePage {
 fn draw(input: &Input) -> Option<String> {
     let mut camera = Camera::new(&CameraParameters::default());
     match input {
-        Input::Image(cdr) => camera.image(0, cdr).ok()?,
-        Input::CompressedImage(cdr) => camera.compressed(0, cdr).ok()?,
+        Input::Given(Given::Image, cdr) => camera.image(0, cdr).ok()?,
+        Input::Given(Given::CompressedImage, cdr) => camera.compressed(0, cdr).ok()?,
         _ => return None,
     };
     picture::frame(&camera.newest()?.decode().ok()?).ok()

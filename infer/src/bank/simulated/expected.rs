@@ -1,9 +1,7 @@
 //! What the touches of a scene's parts come to where they were made: what a verifier says, and how a part seems to differ in size.
 
-use rand::RngExt;
 use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Background;
-use tactile_data::pose::se2::Se2;
 use tactile_data::scene::Scene;
 use tactile_data::sensor::simulator::{Simulator, frame_rng};
 
@@ -14,7 +12,7 @@ use crate::maps::MapDrawer;
 use crate::maps::align::Drawing;
 use crate::maps::expected::Expected;
 use crate::maps::mosaic::Mosaics;
-use crate::maps::strain::UsualStrain;
+use crate::maps::usual_strain::UsualStrain;
 use crate::maps::verifier::{Verifier, compared};
 
 /// Touches of each side of each part.
@@ -48,9 +46,7 @@ pub(super) fn expected_of_scene(
         let (mut log_odds, mut touches) = (Vec::new(), Vec::new());
         for stream in first..first + N_TOUCHES {
             let mut rng = frame_rng(seed, stream);
-            let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
-            let pose =
-                Se2::from_degrees(around(reach.xy_half_mm), around(reach.xy_half_mm), around(reach.theta_half_deg));
+            let pose = reach.draw(&mut rng);
             let image = background.tactile_image(&simulator.touch(part, side, &pose, &mut rng)?)?;
             if image.edge_share < BLANK_SHARE {
                 continue;

@@ -145,7 +145,6 @@ impl Toucher<'_> {
         if !is_fine(grid) {
             return grid.pose(rng.random_range(0..grid.len()));
         }
-        let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
-        Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg))
+        grid.draw(rng)
     }
 }

@@ -18,7 +18,7 @@ use crate::bank::views::Views;
 use crate::calibration::{BLANK_SHARE, Calibration, OfVerifier, Prior, Spread};
 use crate::embedding::model::Model;
 use crate::error::{Error, Result};
-use crate::maps::strain::{Strain, shared};
+use crate::maps::sensor_strain::SensorStrain;
 use sample::low_similarity;
 use sensors::Matched;
 use steepness::AmongViews;
@@ -204,8 +204,8 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibration
         verifier: touches.verified.as_ref().filter(|_| is_one_sensor).and_then(|(maps_sha256, said)| {
             let (maps_sha256, n_touches) = (maps_sha256.clone(), said.len());
             let nats: Vec<f64> = said.iter().map(|touch| touch.nats).collect();
-            let strains: Vec<Strain> = said.iter().filter_map(|touch| touch.strain).collect();
-            let strain = shared(&strains);
+            let strains = said.iter().filter_map(|touch| touch.strain.as_ref());
+            let strain = strains.fold(SensorStrain::default(), |known, strain| known.with(strain)).mean;
             (n_touches > 0).then(|| OfVerifier {
                 maps_sha256,
                 nats: Spread::from_values(&nats).mean,

@@ -1,7 +1,7 @@
 //! Maps and clouds of points.
 
 use crate::error::Result;
-use crate::recording::ros::cdr::{Reader, Writer};
+use crate::recording::ros::cdr::{Field, Reader, Writer, fields};
 use crate::recording::ros::definitions;
 use crate::recording::ros::messages::{Header, Message, Pose, Time};
 
@@ -24,32 +24,7 @@ pub struct OccupancyGrid {
     pub data: Vec<i8>,
 }
 
-impl Message for OccupancyGrid {
-    const TYPE: &str = "nav_msgs/msg/OccupancyGrid";
-    const DEFINITION: &str = definitions::OCCUPANCY_GRID;
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        Ok(Self {
-            header: Header::read(cdr)?,
-            map_load_time: Time::read(cdr)?,
-            resolution: cdr.f32("resolution")?,
-            width: cdr.u32("width")?,
-            height: cdr.u32("height")?,
-            origin: Pose::read(cdr)?,
-            data: cdr.bytes("data")?.iter().map(|byte| byte.cast_signed()).collect(),
-        })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        self.map_load_time.write(cdr);
-        cdr.f32(self.resolution);
-        cdr.u32(self.width);
-        cdr.u32(self.height);
-        self.origin.write(cdr);
-        cdr.bytes(&self.data.iter().map(|value| value.cast_unsigned()).collect::<Vec<u8>>());
-    }
-}
+fields! { OccupancyGrid { header, map_load_time, resolution, width, height, origin, data } in "nav_msgs/msg/OccupancyGrid", OCCUPANCY_GRID }
 
 /// `sensor_msgs/msg/PointField`: where a number is in a point.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,26 +42,9 @@ pub struct PointField {
 impl PointField {
     /// The [`PointField::datatype`] of `f32`.
     pub const FLOAT32: u8 = 7;
-
-    /// What one takes at least: an empty name, an offset, a type with its padding, a count.
-    const LEAST_BYTES: usize = 4 + 4 + 4 + 4;
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        Ok(Self {
-            name: cdr.string("a field's name")?,
-            offset: cdr.u32("offset")?,
-            datatype: cdr.u8("datatype")?,
-            count: cdr.u32("count")?,
-        })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        cdr.string(&self.name);
-        cdr.u32(self.offset);
-        cdr.u8(self.datatype);
-        cdr.u32(self.count);
-    }
 }
+
+fields! { PointField { name, offset, datatype, count } }
 
 /// `sensor_msgs/msg/PointCloud2`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -134,36 +92,4 @@ impl PointCloud2 {
     }
 }
 
-impl Message for PointCloud2 {
-    const TYPE: &str = "sensor_msgs/msg/PointCloud2";
-    const DEFINITION: &str = definitions::POINT_CLOUD2;
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        let (header, height, width) = (Header::read(cdr)?, cdr.u32("height")?, cdr.u32("width")?);
-        let count = cdr.count(PointField::LEAST_BYTES, "fields")?;
-        Ok(Self {
-            header,
-            height,
-            width,
-            fields: (0..count).map(|_| PointField::read(cdr)).collect::<Result<_>>()?,
-            is_bigendian: cdr.u8("is_bigendian")? != 0,
-            point_step: cdr.u32("point_step")?,
-            row_step: cdr.u32("row_step")?,
-            data: cdr.bytes("data")?.to_vec(),
-            is_dense: cdr.u8("is_dense")? != 0,
-        })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        cdr.u32(self.height);
-        cdr.u32(self.width);
-        cdr.u32(self.fields.len() as u32);
-        self.fields.iter().for_each(|field| field.write(cdr));
-        cdr.u8(u8::from(self.is_bigendian));
-        cdr.u32(self.point_step);
-        cdr.u32(self.row_step);
-        cdr.bytes(&self.data);
-        cdr.u8(u8::from(self.is_dense));
-    }
-}
+fields! { PointCloud2 { header, height, width, fields, is_bigendian, point_step, row_step, data, is_dense } in "sensor_msgs/msg/PointCloud2", POINT_CLOUD2 }

@@ -14,29 +14,22 @@ pub use poses::{Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped, TFMessa
 pub use reports::{DiagnosticArray, DiagnosticStatus, KeyValue, Level, Text, TriggerRequest, TriggerResponse};
 
 use crate::error::Result;
-use crate::recording::ros::cdr::{Layout, Reader, Writer};
+use crate::recording::ros::cdr::{Field, Layout, Reader, Writer, fields};
 
 /// A message with a name and a layout.
-pub trait Message: Sized {
+pub trait Message: Field {
     /// Its type, such as `sensor_msgs/msg/Image`.
     const TYPE: &str;
     /// The definition of the message and of each type in it, as MCAP carries them (`ros2msg`).
     const DEFINITION: &str;
-    /// Reads the fields.
-    ///
-    /// # Errors
-    /// Bytes that end too early, text that is not UTF-8.
-    fn read(cdr: &mut Reader) -> Result<Self>;
-    /// Writes the fields.
-    fn write(&self, cdr: &mut Writer);
 }
 
 /// Reads a message in CDR; `place` names it in errors. Bytes behind it are padding.
 ///
 /// # Errors
-/// As [`Reader::new`] and [`Message::read`].
+/// As [`Reader::new`] and [`Field::read`].
 pub fn from_cdr<M: Message>(bytes: &[u8], place: &str) -> Result<M> {
-    M::read(&mut Reader::new(bytes, place)?)
+    M::read(&mut Reader::new(bytes, place)?, place)
 }
 
 /// The bytes of a message in CDR.
@@ -66,16 +59,9 @@ impl Time {
         let sec = time_ns.div_euclid(1_000_000_000).clamp(i64::from(i32::MIN), i64::from(i32::MAX));
         Self { sec: sec as i32, nanosec: time_ns.rem_euclid(1_000_000_000) as u32 }
     }
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        Ok(Self { sec: cdr.i32("stamp.sec")?, nanosec: cdr.u32("stamp.nanosec")? })
-    }
-
-    fn write(self, cdr: &mut Writer) {
-        cdr.i32(self.sec);
-        cdr.u32(self.nanosec);
-    }
 }
+
+fields! { Time { sec, nanosec } }
 
 /// When and in which frame.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -86,18 +72,17 @@ pub struct Header {
     pub frame_id: String,
 }
 
-impl Header {
-    /// Reads the fields.
-    pub fn read(cdr: &mut Reader) -> Result<Self> {
+impl Field for Header {
+    fn read(cdr: &mut Reader, name: &str) -> Result<Self> {
         if cdr.layout() == Layout::Ros1 {
-            cdr.u32("header.seq")?;
+            u32::read(cdr, "header.seq")?;
         }
-        Ok(Self { stamp: Time::read(cdr)?, frame_id: cdr.string("header.frame_id")? })
+        Ok(Self { stamp: Field::read(cdr, name)?, frame_id: Field::read(cdr, "header.frame_id")? })
     }
 
     fn write(&self, cdr: &mut Writer) {
         self.stamp.write(cdr);
-        cdr.string(&self.frame_id);
+        self.frame_id.write(cdr);
     }
 }
 

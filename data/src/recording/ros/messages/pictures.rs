@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::frame::Frame;
-use crate::recording::ros::cdr::{Reader, Writer};
+use crate::recording::ros::cdr::{Field, Reader, Writer, fields};
 use crate::recording::ros::definitions;
 use crate::recording::ros::messages::{Header, Message};
 
@@ -40,32 +40,7 @@ impl Image {
     }
 }
 
-impl Message for Image {
-    const TYPE: &str = "sensor_msgs/msg/Image";
-    const DEFINITION: &str = definitions::IMAGE;
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        Ok(Self {
-            header: Header::read(cdr)?,
-            height: cdr.u32("height")?,
-            width: cdr.u32("width")?,
-            encoding: cdr.string("encoding")?,
-            is_bigendian: cdr.u8("is_bigendian")?,
-            step: cdr.u32("step")?,
-            data: cdr.bytes("data")?.to_vec(),
-        })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        cdr.u32(self.height);
-        cdr.u32(self.width);
-        cdr.string(&self.encoding);
-        cdr.u8(self.is_bigendian);
-        cdr.u32(self.step);
-        cdr.bytes(&self.data);
-    }
-}
+fields! { Image { header, height, width, encoding, is_bigendian, step, data } in "sensor_msgs/msg/Image", IMAGE }
 
 /// `sensor_msgs/msg/CompressedImage`: a picture as the bytes of a JPEG or PNG.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -78,18 +53,4 @@ pub struct CompressedImage {
     pub data: Vec<u8>,
 }
 
-impl Message for CompressedImage {
-    const TYPE: &str = "sensor_msgs/msg/CompressedImage";
-    const DEFINITION: &str = definitions::COMPRESSED_IMAGE;
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        let header = Header::read(cdr)?;
-        Ok(Self { header, format: cdr.string("format")?, data: cdr.bytes("data")?.to_vec() })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        cdr.string(&self.format);
-        cdr.bytes(&self.data);
-    }
-}
+fields! { CompressedImage { header, format, data } in "sensor_msgs/msg/CompressedImage", COMPRESSED_IMAGE }

@@ -1,7 +1,7 @@
 //! Poses, and transforms between frames.
 
 use crate::error::Result;
-use crate::recording::ros::cdr::{Reader, Writer};
+use crate::recording::ros::cdr::{Field, Reader, Writer, fields};
 use crate::recording::ros::definitions;
 use crate::recording::ros::messages::{Header, Message};
 
@@ -14,22 +14,7 @@ pub struct Pose {
     pub orientation: [f64; 4],
 }
 
-impl Pose {
-    /// Seven numbers.
-    const BYTES: usize = 56;
-
-    pub(super) fn read(cdr: &mut Reader) -> Result<Self> {
-        let mut pose = Self { position: [0.0; 3], orientation: [0.0; 4] };
-        for value in pose.position.iter_mut().chain(&mut pose.orientation) {
-            *value = cdr.f64("a pose")?;
-        }
-        Ok(pose)
-    }
-
-    pub(super) fn write(&self, cdr: &mut Writer) {
-        self.position.iter().chain(&self.orientation).for_each(|value| cdr.f64(*value));
-    }
-}
+fields! { Pose { position, orientation } }
 
 /// `geometry_msgs/msg/PoseStamped`.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,19 +25,7 @@ pub struct PoseStamped {
     pub pose: Pose,
 }
 
-impl Message for PoseStamped {
-    const TYPE: &str = "geometry_msgs/msg/PoseStamped";
-    const DEFINITION: &str = definitions::POSE_STAMPED;
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        Ok(Self { header: Header::read(cdr)?, pose: Pose::read(cdr)? })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        self.pose.write(cdr);
-    }
-}
+fields! { PoseStamped { header, pose } in "geometry_msgs/msg/PoseStamped", POSE_STAMPED }
 
 /// `geometry_msgs/msg/TransformStamped`: the pose of the child's frame in the header's.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,26 +38,7 @@ pub struct TransformStamped {
     pub transform: Pose,
 }
 
-impl TransformStamped {
-    /// What one takes at least: a stamp, two empty names and seven numbers.
-    const LEAST_BYTES: usize = 8 + 4 + 4 + Pose::BYTES;
-}
-
-impl Message for TransformStamped {
-    const TYPE: &str = "geometry_msgs/msg/TransformStamped";
-    const DEFINITION: &str = definitions::TRANSFORM_STAMPED;
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        let header = Header::read(cdr)?;
-        Ok(Self { header, child_frame_id: cdr.string("child_frame_id")?, transform: Pose::read(cdr)? })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        cdr.string(&self.child_frame_id);
-        self.transform.write(cdr);
-    }
-}
+fields! { TransformStamped { header, child_frame_id, transform } in "geometry_msgs/msg/TransformStamped", TRANSFORM_STAMPED }
 
 /// `tf2_msgs/msg/TFMessage`: what `/tf` and `/tf_static` carry.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -93,20 +47,7 @@ pub struct TFMessage {
     pub transforms: Vec<TransformStamped>,
 }
 
-impl Message for TFMessage {
-    const TYPE: &str = "tf2_msgs/msg/TFMessage";
-    const DEFINITION: &str = definitions::TF_MESSAGE;
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        let count = cdr.count(TransformStamped::LEAST_BYTES, "transforms")?;
-        Ok(Self { transforms: (0..count).map(|_| TransformStamped::read(cdr)).collect::<Result<_>>()? })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        cdr.u32(self.transforms.len() as u32);
-        self.transforms.iter().for_each(|transform| transform.write(cdr));
-    }
-}
+fields! { TFMessage { transforms } in "tf2_msgs/msg/TFMessage", TF_MESSAGE }
 
 /// `geometry_msgs/msg/PoseArray`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -117,22 +58,7 @@ pub struct PoseArray {
     pub poses: Vec<Pose>,
 }
 
-impl Message for PoseArray {
-    const TYPE: &str = "geometry_msgs/msg/PoseArray";
-    const DEFINITION: &str = definitions::POSE_ARRAY;
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        let header = Header::read(cdr)?;
-        let count = cdr.count(Pose::BYTES, "poses")?;
-        Ok(Self { header, poses: (0..count).map(|_| Pose::read(cdr)).collect::<Result<_>>()? })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        cdr.u32(self.poses.len() as u32);
-        self.poses.iter().for_each(|pose| pose.write(cdr));
-    }
-}
+fields! { PoseArray { header, poses } in "geometry_msgs/msg/PoseArray", POSE_ARRAY }
 
 /// `geometry_msgs/msg/PoseWithCovarianceStamped`.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,21 +71,4 @@ pub struct PoseWithCovarianceStamped {
     pub covariance: [f64; 36],
 }
 
-impl Message for PoseWithCovarianceStamped {
-    const TYPE: &str = "geometry_msgs/msg/PoseWithCovarianceStamped";
-    const DEFINITION: &str = definitions::POSE_WITH_COVARIANCE_STAMPED;
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        let mut message = Self { header: Header::read(cdr)?, pose: Pose::read(cdr)?, covariance: [0.0; 36] };
-        for value in &mut message.covariance {
-            *value = cdr.f64("covariance")?;
-        }
-        Ok(message)
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        self.pose.write(cdr);
-        self.covariance.iter().for_each(|value| cdr.f64(*value));
-    }
-}
+fields! { PoseWithCovarianceStamped { header, pose, covariance } in "geometry_msgs/msg/PoseWithCovarianceStamped", POSE_WITH_COVARIANCE_STAMPED }

@@ -222,9 +222,9 @@ const TF: &str = "02000000070000000c00000035a49a14040000006261736505000000746f6f
 
 fn check<M: messages::Message + PartialEq + Debug>(hex: &str, message: &M) {
     let bytes = bytes(hex);
-    assert_eq!(&M::read(&mut Reader::ros1(&bytes, "a message")).unwrap(), message);
+    assert_eq!(&M::read(&mut Reader::ros1(&bytes, "a message"), "").unwrap(), message);
     for end in 0..bytes.len() {
-        let cut = M::read(&mut Reader::ros1(&bytes[..end], "a message")).unwrap_err().to_string();
+        let cut = M::read(&mut Reader::ros1(&bytes[..end], "a message"), "").unwrap_err().to_string();
         assert!(cut.starts_with("a message: expected ") && !cut.contains('\n'), "{cut}");
     }
 }

@@ -1,43 +1,14 @@
 //! How the node is, as it says it once a second.
 
-use tactile_data::recording::ros::messages::{
-    DiagnosticArray, DiagnosticStatus, Header, KeyValue, Level, Time, to_cdr,
-};
+use tactile_data::recording::ros::messages::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, Level, Time};
 
-use crate::camera::Camera;
-use crate::tool::Tool;
-use crate::troubles::Troubles;
+use super::Node;
 
-/// What there is to say.
-pub struct Diagnostics<'a> {
-    /// When.
-    pub now_ns: i64,
-    /// Where pictures come from ...
-    pub camera: &'a Camera,
-    /// ... and poses.
-    pub tool: &'a Tool,
-    /// What is wrong with either.
-    pub troubles: &'a Troubles,
-    /// Why the frame at rest is of no use; `None` where it is.
-    pub rest_needed: Option<&'a str>,
-    /// Episodes so far.
-    pub n_episodes: u64,
-    /// Touches of this one.
-    pub n_touches: usize,
-    /// Touches that were refused, of all.
-    pub n_refused: u64,
-    /// Entropy (nats) and probability of the likeliest part after the latest touch.
-    pub latest: Option<[f64; 2]>,
-}
-
-impl Diagnostics<'_> {
+impl Node {
     /// The message.
-    pub fn to_cdr(&self) -> Vec<u8> {
+    pub(super) fn diagnostics(&self) -> DiagnosticArray {
         let header = Header { stamp: Time::of_nanoseconds(self.now_ns), frame_id: String::new() };
-        to_cdr(&DiagnosticArray {
-            header,
-            status: vec![self.of_camera(), self.of_tool(), self.of_rest(), self.of_episode()],
-        })
+        DiagnosticArray { header, status: vec![self.of_camera(), self.of_tool(), self.of_rest(), self.of_episode()] }
     }
 
     fn of_camera(&self) -> DiagnosticStatus {
@@ -69,18 +40,19 @@ impl Diagnostics<'_> {
 
     fn of_rest(&self) -> DiagnosticStatus {
         let level = if self.rest_needed.is_some() { Level::Warn } else { Level::Ok };
-        status("frame at rest", level, self.rest_needed.unwrap_or(FINE), Vec::new())
+        status("frame at rest", level, self.rest_needed.as_deref().unwrap_or(FINE), Vec::new())
     }
 
     fn of_episode(&self) -> DiagnosticStatus {
+        let n_touches = self.n_touches();
         let values = vec![
             KeyValue::new("episode", self.n_episodes),
-            KeyValue::new("touches", self.n_touches),
+            KeyValue::new("touches", n_touches),
             KeyValue::new("refused", self.n_refused),
             KeyValue::new("entropy", number(self.latest.map(|latest| latest[0]))),
             KeyValue::new("probability", number(self.latest.map(|latest| latest[1]))),
         ];
-        status("episode", Level::Ok, format!("{} touches", self.n_touches), values)
+        status("episode", Level::Ok, format!("{n_touches} touches"), values)
     }
 }
 
