@@ -361,19 +361,25 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
 fn another_size_is_told_with_how_much_it_is() {
     let maps = Maps::load(shipped("maze-small.maps").as_ref()).unwrap();
     let model = Model::load(shipped("maze-small").as_ref()).unwrap().with_maps(maps.clone()).unwrap();
-    let (model, reach) =
-        (Arc::new(model), PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 15.0, theta_step_deg: 15.0 });
-    let scene = |bars: &str| {
-        let scene = format!("{}/../data/scenes/sizes.toml{bars}", env!("CARGO_MANIFEST_DIR"));
-        Scene { reach: Some(reach), ..Scene::load(&scene).unwrap() }
+    let model = Arc::new(model);
+    let near = "[reach]\nxy_half_mm = 4.0\nxy_step_mm = 2.0\ntheta_half_deg = 15.0\ntheta_step_deg = 15.0\n";
+    let folder = tempfile::tempdir().unwrap();
+    let scene = |lengths_mm: &[usize]| {
+        let scenes = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/scenes");
+        let bar =
+            |mm: &usize| format!("[[parts.files]]\nname = \"bar-{mm}x4\"\npeg = \"{scenes}/sizes/bar-{mm}x4.svg\"\n");
+        let bars: String = lengths_mm.iter().map(bar).collect();
+        let file = folder.path().join("bars.toml");
+        fs::write(&file, format!("name = \"bars\"\n{bars}{near}")).unwrap();
+        Scene::load(file.to_str().unwrap()).unwrap()
     };
     // Bars 11 and 12 mm long are known; 12 and 14 mm ones are touched at their ends and in between.
-    let known = scene("#1+2");
+    let known = scene(&[11, 12]);
     let bank = bank_of_scene(&model, &known, Views::Pegs, 1, &|_, _| ()).unwrap();
     let bank = Arc::new(with_maps_of_scene(bank, &maps, (&known, Views::Pegs), 1, &|_, _| ()).unwrap());
-    let found = |bar: &str| {
-        let simulator = Simulator::new(scene(bar), 1).unwrap();
-        let sensor = Sensor::new(model.clone(), &simulator.no_contact(7)).unwrap();
+    let found = |length_mm: usize| {
+        let simulator = Simulator::new(scene(&[length_mm]), 1).unwrap();
+        let sensor = Sensor::new(model.clone(), &simulator.no_contact(7)).unwrap().of_side(Side::Peg);
         let touch = |pose: Se2, n: u64| {
             sensor.observe(&simulator.touch(0, Side::Peg, &pose, &mut frame_rng(5, n)).unwrap()).unwrap()
         };
@@ -386,16 +392,14 @@ fn another_size_is_told_with_how_much_it_is() {
         }
         episode.estimate()
     };
-    let there = found("#2+1");
-    assert_eq!(
-        (there.part.as_str(), there.stop, &there.warnings[..]),
-        ("bar-12x4", Some(StopReason::Confident), &[][..])
-    );
-    let stranger = found("#4+1");
-    let [Warning::OtherSize { longer: [along_x, along_y], sd }] = stranger.warnings[..] else { panic!("{stranger:?}") };
+    let size = |of: &Estimate| of.warnings.iter().find(|warning| matches!(warning, Warning::OtherSize { .. })).cloned();
+    let there = found(12);
+    assert_eq!((there.part.as_str(), there.stop, size(&there)), ("bar-12x4", Some(StopReason::Confident), None));
+    let stranger = found(14);
+    let Some(Warning::OtherSize { longer: [along_x, along_y], sd }) = size(&stranger) else { panic!("{stranger:?}") };
     assert!((along_x - 2.0 / 12.0).abs() < 0.04 && along_y.abs() < 0.08, "{along_x} {along_y}");
     assert!((0.002..0.04).contains(&sd[0]) && along_x > 4.0 * sd[0], "{sd:?}");
-    let said = stranger.warnings[0].to_string();
+    let said = size(&stranger).unwrap().to_string();
     assert!(said.starts_with("what was felt is not of that part's size: +1"), "{said}");
 }
 

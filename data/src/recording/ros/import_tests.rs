@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::*;
 use crate::dataset::store::Dataset;
 use crate::recording::geometry::Geometry;
-use crate::recording::ros::messages::{TFMessage, TransformStamped, to_cdr};
+use crate::recording::ros::messages::{CompressedImage, TFMessage, TransformStamped, to_cdr};
 use crate::recording::ros::test_bag::{self, PACKINGS, Packing, Sent, header, image, in_plane, pose, rgb};
 
 /// Everything guessed, the first frame at rest.
