@@ -3,9 +3,11 @@
 //! In: evaluations with `--absent` and without. Out: [`PresenceOdds`]. The weights are those by which the named part is told from
 //! a stranger at least cost, a stranger as likely as a part, over the touches after which an episode would name it (logistic
 //! regression; Brümmer and du Preez, Application-independent evaluation of speaker detection, 2006). The tails are those of the
-//! highest log-odds of an episode with a stranger, and of the lowest of one with a part that is there, until it is named.
+//! highest log-odds of an episode with a stranger, and of the lowest of one with a part that is there, until it is named. Strangers of
+//! a kind are of one scene, whichever of its parts were taken: a rate that all kinds keep together may be broken by one of them, so
+//! that the tail is that of the hardest kind.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use tactile_data::dataset::touch::Side;
 use tactile_infer::bank::views::Views;
@@ -35,13 +37,15 @@ const BY_TOUCH: usize = 2;
 const N: usize = N_WEIGHTS + 2;
 
 /// What was fitted, and how well it tells parts from strangers.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Certified {
     /// The log-odds.
     pub odds: PresenceOdds,
     /// What they cost, bits a touch after which a part would be named; 1 is what knowing nothing costs (C_llr).
     pub cost_bits: f64,
-    /// Strangers that differ: parts of different names or scenes.
+    /// The hardest kind of stranger, by its scene; `None` where no kind has enough episodes: the tail is that of all.
+    pub hardest: Option<String>,
+    /// Strangers of that kind that differ: parts of different names or scenes.
     pub n_stranger_parts: usize,
 }
 
@@ -54,9 +58,16 @@ struct Row {
 }
 
 /// An episode's touches: what was felt, and whether it would name its part.
-struct Course {
+struct Course<'a> {
     felt: Vec<(Felt, bool)>,
     is_there: bool,
+    kind: &'a str,
+}
+
+/// The kind of part: its scene, without which of its parts were taken.
+fn kind_of(episodes: &Episodes) -> &str {
+    let scene = &episodes.setup.scene;
+    scene.split_once('#').map_or(scene, |(kind, _)| kind)
 }
 
 /// The log-odds by which evaluations tell strangers from parts that are there, with what a verifier says of them if `judged`.
@@ -67,7 +78,7 @@ struct Course {
 /// nothing.
 pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Result<Certified> {
     check(evaluations, judged)?;
-    let courses: Vec<Course> = evaluations.iter().flat_map(|of| courses(of, judged)).collect();
+    let courses: Vec<Course<'_>> = evaluations.iter().flat_map(|of| courses(of, judged)).collect();
     let [n_strangers, n_present] =
         [false, true].map(|is| courses.iter().filter(|course| course.is_there == is).count());
     if n_strangers.min(n_present) < FEWEST {
@@ -107,15 +118,16 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
         n_strangers,
         n_present,
     };
-    let of_strangers = courses.iter().filter(|course| !course.is_there).filter_map(|course| highest(&odds, course));
-    let strangers = Tail::of(of_strangers.collect(), n_strangers).ok_or_else(told)?;
+    let (hardest, strangers) = hardest(&odds, &courses, false_accept).ok_or_else(told)?;
     let odds = PresenceOdds { strangers, ..odds };
     let of_present =
         courses.iter().filter(|course| course.is_there).filter_map(|course| lowest(&odds, course, false_accept));
     let present = Tail::of(of_present.map(|value| -value).collect(), n_present).ok_or_else(told)?;
-    let parts = absent.flat_map(|of| of.setup.parts.iter().map(|part| (&of.setup.scene, part)));
+    let of_kind = absent.filter(|of| hardest.is_none_or(|kind| kind_of(of) == kind));
+    let parts = of_kind.flat_map(|of| of.setup.parts.iter().map(|part| (&of.setup.scene, part)));
     let n_stranger_parts = parts.collect::<BTreeSet<_>>().len();
-    Ok(Certified { odds: PresenceOdds { present, ..odds }, cost_bits: cost / std::f64::consts::LN_2, n_stranger_parts })
+    let (odds, cost_bits) = (PresenceOdds { present, ..odds }, cost / std::f64::consts::LN_2);
+    Ok(Certified { odds, cost_bits, hardest: hardest.map(str::to_owned), n_stranger_parts })
 }
 
 /// Whether the number of touches counts next to what each says. Not of holes on maps of pegs: there a verifier says little of some parts,
@@ -141,7 +153,7 @@ fn check(evaluations: &[Episodes], judged: bool) -> Result<()> {
 }
 
 /// What was felt in each episode of the first way of inferring.
-fn courses(of: &Episodes, judged: bool) -> Vec<Course> {
+fn courses(of: &Episodes, judged: bool) -> Vec<Course<'_>> {
     let Some(run) = of.runs.first() else { return Vec::new() };
     let stop_probability = run.config.settings.stop_probability;
     let felt = |scored: &Scored| {
@@ -151,13 +163,14 @@ fn courses(of: &Episodes, judged: bool) -> Vec<Course> {
     let course = |outcome: &crate::evaluate::Outcome| Course {
         felt: outcome.scored.iter().filter_map(felt).collect(),
         is_there: !of.setup.absent,
+        kind: kind_of(of),
     };
     run.outcomes.iter().map(course).collect()
 }
 
 /// What a verifier says of a touch of a part that is there, nats: the mean of the first touches after which episodes would name it.
-fn usual(courses: &[Course]) -> f64 {
-    let of_touch = |course: &Course| {
+fn usual(courses: &[Course<'_>]) -> f64 {
+    let of_touch = |course: &Course<'_>| {
         let (felt, _) = course.felt.iter().find(|(_, is_named)| *is_named)?;
         felt.verified.map(|Verified { log_odds, n_new, .. }| log_odds / n_new.max(1.0))
     };
@@ -166,12 +179,31 @@ fn usual(courses: &[Course]) -> f64 {
 }
 
 /// The highest log-odds of the touches after which an episode names a part.
-fn highest(odds: &PresenceOdds, course: &Course) -> Option<f64> {
+fn highest(odds: &PresenceOdds, course: &Course<'_>) -> Option<f64> {
     course.felt.iter().filter(|(_, is_named)| *is_named).map(|(felt, _)| odds.log_odds(felt)).reduce(f64::max)
 }
 
+/// The kind of strangers of which so large a share comes highest, and its tail; that of all where no kind has enough episodes.
+fn hardest<'a>(odds: &PresenceOdds, courses: &[Course<'a>], share: f64) -> Option<(Option<&'a str>, Tail)> {
+    let mut kinds: BTreeMap<&str, (usize, Vec<f64>)> = BTreeMap::new();
+    for course in courses.iter().filter(|course| !course.is_there) {
+        let (n, highests) = kinds.entry(course.kind).or_default();
+        *n += 1;
+        highests.extend(highest(odds, course));
+    }
+    let tail = |(kind, (n, highests)): (&&'a str, &(usize, Vec<f64>))| {
+        Tail::of(highests.clone(), *n).filter(|_| *n >= FEWEST).map(|tail| (Some(*kind), tail))
+    };
+    let of_kinds = kinds.iter().filter_map(tail);
+    let hardest = of_kinds.max_by(|(_, a), (_, b)| a.reached_by(share).total_cmp(&b.reached_by(share)));
+    hardest.or_else(|| {
+        let n = kinds.values().map(|(n, _)| n).sum();
+        Some((None, Tail::of(kinds.into_values().flat_map(|(_, highests)| highests).collect(), n)?))
+    })
+}
+
 /// The lowest log-odds of the touches before an episode names its part with confidence.
-fn lowest(odds: &PresenceOdds, course: &Course, false_accept: f64) -> Option<f64> {
+fn lowest(odds: &PresenceOdds, course: &Course<'_>, false_accept: f64) -> Option<f64> {
     let before = course.felt.iter().map(|(felt, is_named)| (odds.log_odds(felt), *is_named));
     before
         .take_while(|(log_odds, is_named)| !(*is_named && odds.strangers.share_beyond(*log_odds) <= false_accept))
@@ -263,6 +295,7 @@ mod tests {
     use super::*;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
+    use tactile_filter::TouchModel;
 
     /// Two values of each touch, spread as a normal distribution about opposite means: the log-odds are known in closed form.
     fn rows(n: usize) -> Vec<Row> {
@@ -309,6 +342,38 @@ mod tests {
                 assert!(mean(moved) > mean(weights), "{at}");
             }
         }
+    }
+
+    #[test]
+    fn a_rate_is_kept_for_the_hardest_kind_of_stranger() {
+        let odds = PresenceOdds { offset: 0.0, by_fit: 1.0, by_touch: 0.0, ..TouchModel::default().presence() };
+        // The log-odds of one touch is its fit.
+        let course = |kind: &'static str, fit: f64| Course {
+            felt: vec![
+                (Felt { fit, n_fitted: 1, verified: None }, true),
+                (Felt { fit: 9.0, n_fitted: 1, verified: None }, false),
+            ],
+            is_there: false,
+            kind,
+        };
+        let of = |n: usize| -> Vec<Course<'static>> {
+            let fit = |at: usize| 3.0 * at as f64 / n as f64;
+            (0..n)
+                .flat_map(|at| {
+                    [course("alike", fit(at)), course("cut", 1.0 + fit(at)), course("few", 50.0)]
+                        .into_iter()
+                        .take(if at < 20 { 3 } else { 2 })
+                })
+                .collect()
+        };
+        // Twenty are too few for a kind of their own.
+        let (kind, tail) = hardest(&odds, &of(200), 0.01).unwrap();
+        assert_eq!(kind, Some("cut"));
+        // A tenth lies beyond 1 + 2.7, by half of 0.3 on average.
+        assert!((tail.at - 3.7).abs() < 0.03 && (tail.scale - 0.15).abs() < 0.02, "{tail:?}");
+        assert!((tail.share_beyond(tail.reached_by(0.01)) - 0.01).abs() < 1e-12);
+        let (kind, tail) = hardest(&odds, &of(60), 0.01).unwrap();
+        assert!(kind.is_none() && tail.at > 3.9, "{tail:?}");
     }
 
     #[test]

@@ -62,6 +62,11 @@ impl Tail {
         (n_tail > 1 && scale > 0.0).then_some(Self { at, scale })
     }
 
+    /// How far a share of the episodes goes, nats.
+    pub fn reached_by(&self, share: f64) -> f64 {
+        self.at + self.scale * (TAIL_SHARE / share).ln()
+    }
+
     /// The share of the episodes that goes as far as a value, 0..=1.
     pub fn share_beyond(&self, value: f64) -> f64 {
         (TAIL_SHARE * ((self.at - value) / self.scale).exp()).min(1.0)

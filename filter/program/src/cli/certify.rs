@@ -82,7 +82,9 @@ impl Certify {
 }
 
 fn say(certified: &Certified, place: &str) {
-    let Certified { odds, cost_bits, n_stranger_parts } = certified;
+    let Certified { odds, cost_bits, hardest, n_stranger_parts } = certified;
+    let kind =
+        hardest.as_ref().map_or_else(|| "of all kinds".to_owned(), |kind| format!("of {kind}, the hardest kind,"));
     let shared = odds.shared.map_or("no outline is known".to_owned(), |shared| {
         format!(
             "against strangers that share what was felt {:.2} and {:.2} by what is left",
@@ -90,9 +92,9 @@ fn say(certified: &Certified, place: &str) {
         )
     });
     program::say(format_args!(
-        "{place}: {} episodes with strangers ({n_stranger_parts} parts), {} with parts that are there; C_llr {cost_bits:.3} bits\n  \
+        "{place}: {} episodes with strangers, {} with parts that are there; C_llr {cost_bits:.3} bits\n  \
          offset {:.2}, by fit {:.2}, by touch {:.2}, by verifier {:.2}, by what is expected of it {:.2}, by a known size {:.2}, by one that is off {:.2}; {}\n  \
-         strangers {:.2} and {:.2} beyond, against {} parts; parts that are there {:.2} and {:.2}",
+         strangers {kind} {:.2} and {:.2} beyond, against {} parts; parts that are there {:.2} and {:.2}",
         odds.n_strangers,
         odds.n_present,
         odds.offset,
@@ -111,6 +113,6 @@ fn say(certified: &Certified, place: &str) {
     ));
     let least = 100.0 / (n_stranger_parts + 1) as f64;
     program::note(format!(
-        "{n_stranger_parts} strangers certify no rate below {least:.2} %; what is beyond is the tail's"
+        "{n_stranger_parts} strangers {kind} certify no rate below {least:.2} %; what is beyond is the tail's"
     ));
 }
