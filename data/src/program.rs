@@ -4,8 +4,12 @@ pub mod closed_output;
 pub mod drawn;
 pub mod progress;
 
+use std::error::Error;
 use std::fmt::Display;
 use std::process::{ExitCode, Termination};
+use std::str::FromStr;
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use crate::text::printable::{printable, printable_lines};
 
@@ -26,6 +30,15 @@ pub fn run<T: Termination + Send, E: Display + Send>(work: impl FnOnce() -> Resu
         Ok(done) => done.report(),
         Err(error) => failed(error),
     }
+}
+
+/// The parser of a flag whose value is one of these names.
+pub fn named<T>(names: impl Into<PossibleValuesParser>) -> impl TypedValueParser<Value = T>
+where
+    T: FromStr + Clone + Send + Sync + 'static,
+    T::Err: Into<Box<dyn Error + Send + Sync>>,
+{
+    names.into().try_map(|name| name.parse())
 }
 
 fn failed(error: impl Display) -> ExitCode {

@@ -65,8 +65,8 @@ struct Cli {
     config: Option<PathBuf>,
     /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card). The
     /// last two only in programs built with the feature of that name.
-    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
-    device: String,
+    #[arg(long, default_value_t, value_parser = program::named::<DeviceKind>(DeviceKind::NAMES))]
+    device: DeviceKind,
     /// Fine-tune this trained model instead of beginning with random weights: its sizes and calibration are kept, and the
     /// preset is fine, or with another preset the learning rate a fifth of it, unless they are given.
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
@@ -146,7 +146,7 @@ fn run(cli: &Cli) -> Result<ExitCode> {
     let settings = settings(cli)?;
     // Wrong settings, devices and folders are found before the datasets are read.
     let within = settings.resolve(1)?.mating();
-    let device: DeviceKind = cli.device.parse()?;
+    let device = cli.device;
     let config_file = cli.config.as_ref().filter(|_| !cli.resume);
     let inputs = [cli.data.as_ref(), config_file, cli.from.as_ref()].into_iter().flatten().chain(&cli.tune);
     let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
@@ -188,7 +188,7 @@ fn run(cli: &Cli) -> Result<ExitCode> {
 /// Trains the network that draws maps.
 fn run_maps(cli: &Cli, model: &Path) -> Result<ExitCode> {
     let training = &MapTraining::of(&settings(cli)?)?;
-    let device: DeviceKind = cli.device.parse()?;
+    let device = cli.device;
     let inputs = [cli.data.as_deref(), Some(model), cli.config.as_deref()];
     let out = &OutputFolder::claim(&cli.out, &inputs.into_iter().flatten().collect::<Vec<_>>())?;
     let (model, _) = &Checkpoint::load(model)?;
@@ -236,7 +236,7 @@ fn said_of_maps(found: &MapJudgement) -> String {
 /// Trains the network that judges where touches were made.
 fn run_verifier(cli: &Cli, maps: &Path, model: &Path) -> Result<ExitCode> {
     let training = &VerifierTraining::of(&settings(cli)?)?;
-    let device: DeviceKind = cli.device.parse()?;
+    let device = cli.device;
     let read = cli.touches.iter().flat_map(|of| of.datasets.iter().chain([&of.bank])).map(PathBuf::as_path);
     let out =
         &OutputFolder::claim(&cli.out, &read.chain([maps, model]).chain(cli.config.as_deref()).collect::<Vec<_>>())?;

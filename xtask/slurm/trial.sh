@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Shards with real Slurm on loopback: job arrays, a task killed on the way, a merge that waits for all, the same again,
-# compared with single runs without Slurm. Takes some minutes, of which nothing is left but a folder.
+# compared with single runs without Slurm. Takes some minutes; what failed is left in a folder of /tmp.
 #
 #   cargo build --release && xtask/slurm/trial.sh [PROGRAMS]    (Debian: slurm-wlm, munge, jq)
 set -euo pipefail
@@ -34,7 +34,9 @@ stop() {
     sleep 1
     kill $(jobs -p) 2> /dev/null || true
     wait || true
+    [ -z "$passed" ] || rm -rf "$run"
 }
+passed=
 trap stop EXIT
 
 # The cluster: munge, the controller, one node of two processors.
@@ -114,5 +116,5 @@ try evaluate tactile-filter episodes . 'tactile-filter merge episodes --out eval
 # But for how long it took, on what and by which command.
 found() { jq -S 'del(.latency_ms, .n_threads, .command)' "$1/evaluation.json"; }
 diff <(found evaluate) <(found evaluate-single) || fail "the merged evaluation is another than the single run's"
-rm -rf "$work"
+passed=yes
 say "passed; shards killed, restarted and merged are what single runs make"

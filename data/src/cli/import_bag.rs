@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use tactile_data::dataset::touch::Side;
 use tactile_data::pose::se2::Se2;
 use tactile_data::program::progress;
@@ -38,7 +37,7 @@ pub struct BagArgs {
     #[arg(long, value_name = "NAME")]
     part: Option<String>,
     /// Its side [default: from the poses' frame]
-    #[arg(long, value_name = "SIDE", value_parser = PossibleValuesParser::new(Side::NAMES).try_map(|side| side.parse::<Side>()))]
+    #[arg(long, value_name = "SIDE", value_parser = program::named::<Side>(Side::NAMES))]
     side: Option<Side>,
     /// Pose of the sensor in the frame that the poses are of, mm and degrees
     #[arg(long, value_name = "X,Y,DEG", value_parser = parse_pose, allow_hyphen_values = true)]

@@ -295,7 +295,6 @@ mod tests {
     use super::*;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
-    use tactile_filter::TouchModel;
 
     /// Two values of each touch, spread as a normal distribution about opposite means: the log-odds are known in closed form.
     fn rows(n: usize) -> Vec<Row> {
@@ -346,7 +345,23 @@ mod tests {
 
     #[test]
     fn a_rate_is_kept_for_the_hardest_kind_of_stranger() {
-        let odds = PresenceOdds { offset: 0.0, by_fit: 1.0, by_touch: 0.0, ..TouchModel::default().presence() };
+        let none = Tail { at: 0.0, scale: 1.0 };
+        let odds = PresenceOdds {
+            offset: 0.0,
+            by_fit: 1.0,
+            by_touch: 0.0,
+            by_verifier: 0.0,
+            by_expected: 0.0,
+            by_size: 0.0,
+            by_strain: 0.0,
+            shared: None,
+            usual: 0.0,
+            strangers: none,
+            present: none,
+            n_parts: 11.0,
+            n_strangers: 0,
+            n_present: 0,
+        };
         // The log-odds of one touch is its fit.
         let course = |kind: &'static str, fit: f64| Course {
             felt: vec![
@@ -360,7 +375,7 @@ mod tests {
             let fit = |at: usize| 3.0 * at as f64 / n as f64;
             (0..n)
                 .flat_map(|at| {
-                    [course("alike", fit(at)), course("cut", 1.0 + fit(at)), course("few", 50.0)]
+                    [course("alike", fit(at)), course("cut", 1.0 + fit(at)), course("few", 50.0 + fit(at))]
                         .into_iter()
                         .take(if at < 20 { 3 } else { 2 })
                 })

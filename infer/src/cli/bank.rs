@@ -12,8 +12,8 @@ use tactile_data::file::output_lock::with_ending;
 use tactile_data::light::calibrate::Calibration;
 use tactile_data::pose::grid::PoseGrid;
 use tactile_data::pose::symmetry::Symmetry;
-use tactile_data::program;
 use tactile_data::program::progress::reporter;
+use tactile_data::program::{self, named};
 use tactile_data::scene::Scene;
 use tactile_infer::bank::between::is_fine;
 use tactile_infer::bank::learn_from::LearnFrom;
@@ -28,7 +28,7 @@ use tactile_infer::maps::Maps;
 use tactile_infer::maps::mosaic::CELL_MM;
 use tactile_infer::{Bank, Error, Model, Precision, Result, Views};
 
-use super::{ModelArgs, PosesArgs, embed_pegs, learn_from, precision, views};
+use super::{ModelArgs, PosesArgs, embed_pegs};
 
 /// What a bank is made of, and where it goes.
 #[derive(Args)]
@@ -46,11 +46,11 @@ pub struct BankArgs {
     calibration: Option<PathBuf>,
     /// With --scene: views of pegs alone, as a robot records them, or of both sides, with the holes that the scene says
     /// [default: both]
-    #[arg(long, value_name = "VIEWS", requires = "scene", conflicts_with = "data", value_parser = views())]
+    #[arg(long, value_name = "VIEWS", requires = "scene", conflicts_with = "data", value_parser = named::<Views>(Views::NAMES))]
     views: Option<Views>,
     /// With --scene: the side that will be touched; touches of it are simulated to learn in which directions embeddings differ
     /// by chance; from nothing they are compared by the cosine alone, as in the paper [default: hole]
-    #[arg(long, value_name = "SIDE", requires = "scene", conflicts_with = "data", value_parser = learn_from())]
+    #[arg(long, value_name = "SIDE", requires = "scene", conflicts_with = "data", value_parser = named::<LearnFrom>(LearnFrom::NAMES))]
     learn_from: Option<LearnFrom>,
     /// A map of each part, too, stitched from touches of its peg as this network draws them (`tactile-train --maps`): by it
     /// touches are verified
@@ -63,7 +63,7 @@ pub struct BankArgs {
     #[arg(long = "symmetry", value_name = "PART=N|round", value_delimiter = ',')]
     symmetries: Vec<Declared>,
     /// Format of the bank's rows, on disk and in memory: 4, 2, 2 or 1 byte a value
-    #[arg(long, value_name = "FORMAT", default_value_t = Precision::I8, value_parser = precision(Precision::ROWS))]
+    #[arg(long, value_name = "FORMAT", default_value_t = Precision::I8, value_parser = named::<Precision>(Precision::ROWS))]
     rows: Precision,
     #[command(flatten)]
     poses: PosesArgs,

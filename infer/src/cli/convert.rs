@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::file::output;
-use tactile_data::program;
+use tactile_data::program::{self, named};
 use tactile_infer::embedding::checkpoint::Checkpoint;
 use tactile_infer::{Error, Precision, Result};
 
@@ -14,7 +14,7 @@ pub struct ConvertArgs {
     #[arg(long, value_name = "FILE")]
     model: PathBuf,
     /// Format of the weights in the new file; the network computes in f32 in any case
-    #[arg(long, value_name = "FORMAT", value_parser = super::precision(Precision::WEIGHTS))]
+    #[arg(long, value_name = "FORMAT", value_parser = named::<Precision>(Precision::WEIGHTS))]
     weights: Precision,
     /// The checkpoint to write
     #[arg(long, value_name = "FILE")]

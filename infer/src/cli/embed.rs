@@ -10,11 +10,11 @@ use tactile_data::frame::TactileImage;
 use tactile_data::frame::npy;
 use tactile_data::frame::picture;
 use tactile_data::light::calibrate::Calibration;
-use tactile_data::program;
+use tactile_data::program::{self, named};
 use tactile_infer::bank::similarity::dot;
 use tactile_infer::{Model, Result};
 
-use super::{ModelArgs, print_json, side};
+use super::{ModelArgs, print_json};
 
 #[derive(Args)]
 pub struct EmbedArgs {
@@ -30,7 +30,7 @@ pub struct EmbedArgs {
     #[arg(long, value_name = "FILE.toml")]
     calibration: Option<PathBuf>,
     /// Embed as touches of holes (queries, `predictor(encoder(image))`) or as views of pegs (keys, `encoder(image)`)
-    #[arg(long, value_name = "SIDE", default_value_t, value_parser = side())]
+    #[arg(long, value_name = "SIDE", default_value_t, value_parser = named::<Side>(Side::NAMES))]
     side: Side,
     /// Also write what the network sees, f4 of [n, 3, height, width], for a check by another program
     #[arg(long, value_name = "FILE.npy")]

@@ -9,12 +9,12 @@ use tactile_data::file::output;
 use tactile_data::frame::picture;
 use tactile_data::frame::{Background, Frame};
 use tactile_data::light::calibrate::Calibration;
-use tactile_data::program;
+use tactile_data::program::{self, named};
 use tactile_infer::maps::picture::{of_contact, of_distance};
 use tactile_infer::maps::{DrawnMap, MapDrawer};
 use tactile_infer::{Error, Result};
 
-use super::{print_json, side};
+use super::print_json;
 
 #[derive(Args)]
 pub struct MapArgs {
@@ -31,7 +31,7 @@ pub struct MapArgs {
     #[arg(long, value_name = "FILE.toml")]
     calibration: Option<PathBuf>,
     /// The side that is touched
-    #[arg(long, value_name = "SIDE", default_value_t, value_parser = side())]
+    #[arg(long, value_name = "SIDE", default_value_t, value_parser = named::<Side>(Side::NAMES))]
     side: Side,
     /// Draw the touch, the distance to the peg's outline (blue inside, red outside, pale where it is not sure) and what touches the
     /// gel (dark), side by side

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use tactile_data::dataset::store::Dataset;
 use tactile_data::dataset::touch::Side;
+use tactile_data::program::named;
 use tactile_infer::calibration::matching::{Touched, match_single_touches};
 use tactile_infer::{Error, Precision, Result};
 
-use super::{ModelArgs, PosesArgs, embed_pegs, precision, print_json, side};
+use super::{ModelArgs, PosesArgs, embed_pegs, print_json};
 
 /// What is matched with what.
 #[derive(Args)]
@@ -22,13 +23,13 @@ pub struct MatchArgs {
     #[arg(long, visible_alias = "touches", value_name = "DIR")]
     holes: PathBuf,
     /// Which side of it is matched; pegs of another dataset than --pegs, as each would find itself
-    #[arg(long, value_name = "SIDE", default_value_t, value_parser = side())]
+    #[arg(long, value_name = "SIDE", default_value_t, value_parser = named::<Side>(Side::NAMES))]
     side: Side,
     /// Match at most this many touches, evenly spread over the dataset
     #[arg(long, value_name = "N", default_value_t = 500)]
     limit: usize,
     /// Format of the rows that are compared with
-    #[arg(long, value_name = "FORMAT", default_value_t = Precision::F32, value_parser = precision(Precision::ROWS))]
+    #[arg(long, value_name = "FORMAT", default_value_t = Precision::F32, value_parser = named::<Precision>(Precision::ROWS))]
     rows: Precision,
     #[command(flatten)]
     poses: PosesArgs,

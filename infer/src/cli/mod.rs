@@ -13,20 +13,16 @@ mod speed;
 
 use std::path::PathBuf;
 
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use serde::Serialize;
 use tactile_data::dataset::store::Dataset;
-use tactile_data::dataset::touch::Side;
 use tactile_data::pose::grid_fit::Tolerance;
-use tactile_data::program;
 use tactile_data::program::progress::reporter;
+use tactile_data::program::{self, named};
 use tactile_data::text::printable::printable_json;
 use tactile_infer::bank::Bank;
-use tactile_infer::bank::learn_from::LearnFrom;
 use tactile_infer::bank::recorded::{BankPoses, bank_of_dataset};
-use tactile_infer::bank::views::Views;
-use tactile_infer::{DeviceKind, Error, Model, Precision, Result};
+use tactile_infer::{DeviceKind, Error, Model, Result};
 
 /// The part-mating model at work: banks of pegs, embeddings and matches of single touches.
 ///
@@ -88,7 +84,7 @@ struct ModelArgs {
     #[arg(long = "model", value_name = "FILE")]
     path: PathBuf,
     /// Where to compute: the CPU, an older CPU backend that is much slower, or a graphics card
-    #[arg(long, value_name = "DEVICE", default_value_t, value_parser = device(), help_heading = "Machine")]
+    #[arg(long, value_name = "DEVICE", default_value_t, value_parser = named::<DeviceKind>(DeviceKind::NAMES), help_heading = "Machine")]
     device: DeviceKind,
 }
 
@@ -96,31 +92,6 @@ impl ModelArgs {
     fn load(&self) -> Result<Model> {
         Model::load_on(&self.path, self.device)
     }
-}
-
-/// The parser of `--device`.
-fn device() -> impl TypedValueParser<Value = DeviceKind> {
-    PossibleValuesParser::new(DeviceKind::NAMES).try_map(|name| name.parse::<DeviceKind>())
-}
-
-/// The parser of a format of numbers.
-fn precision(names: impl Into<PossibleValuesParser>) -> impl TypedValueParser<Value = Precision> {
-    names.into().try_map(|name| name.parse::<Precision>())
-}
-
-/// The parser of `--side`.
-fn side() -> impl TypedValueParser<Value = Side> {
-    PossibleValuesParser::new(Side::NAMES).try_map(|name| name.parse::<Side>())
-}
-
-/// The parser of `--views`.
-fn views() -> impl TypedValueParser<Value = Views> {
-    PossibleValuesParser::new(Views::NAMES).try_map(|name| name.parse::<Views>())
-}
-
-/// The parser of `--learn-from`.
-fn learn_from() -> impl TypedValueParser<Value = LearnFrom> {
-    PossibleValuesParser::new(LearnFrom::NAMES).try_map(|name| name.parse::<LearnFrom>())
 }
 
 /// Reads `--tolerance`.

@@ -42,7 +42,7 @@ pub struct Inputs {
     #[arg(long, value_name = "FILE")]
     pub maps: Option<PathBuf>,
     /// Where the network is computed: the CPU, an older CPU backend that is much slower, or a graphics card
-    #[arg(long, value_name = "DEVICE", default_value_t, value_parser = device(), help_heading = "Machine")]
+    #[arg(long, value_name = "DEVICE", default_value_t, value_parser = program::named::<DeviceKind>(DeviceKind::NAMES), help_heading = "Machine")]
     pub device: DeviceKind,
 }
 
@@ -97,11 +97,6 @@ pub fn load(model: Model, bank: &Path, maps: Option<&Path>) -> Result<(Arc<Model
         return Err(tactile_infer::Error::invalid(bank.display().to_string(), expected, "one without").into());
     }
     Ok((Arc::new(model), Arc::new(loaded)))
-}
-
-/// The parser of `--device`.
-fn device() -> impl TypedValueParser<Value = DeviceKind> {
-    PossibleValuesParser::new(DeviceKind::NAMES).try_map(|name| name.parse::<DeviceKind>())
 }
 
 /// Where the results go.
@@ -159,7 +154,7 @@ pub struct Seeds {
 #[derive(Args)]
 pub struct SideArgs {
     /// Which side is touched: holes, or raised parts that are recognised among the bank's own
-    #[arg(long, value_name = "SIDE", default_value_t, value_parser = named::<Side>(&Side::NAMES))]
+    #[arg(long, value_name = "SIDE", default_value_t, value_parser = program::named::<Side>(Side::NAMES))]
     pub side: Side,
 }
 
