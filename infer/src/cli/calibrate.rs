@@ -37,7 +37,7 @@ pub struct CalibrateArgs {
     #[arg(long, value_name = "DIR", required = true)]
     holes: Vec<PathBuf>,
     /// Which side is touched: each has a calibration of its own
-    #[arg(long, value_name = "SIDE", default_value_t, value_parser = super::side())]
+    #[arg(long, value_name = "SIDE", default_value_t, value_parser = program::named::<Side>(Side::NAMES))]
     side: Side,
     /// Measure what a verifier says of one sensor's touches, too: the networks that the bank was made with
     #[arg(long, value_name = "FILE")]

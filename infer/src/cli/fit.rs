@@ -34,7 +34,7 @@ pub struct FitArgs {
     #[arg(long, value_name = "BANK=DIR,...", required = true, num_args = 1..)]
     touches: Vec<TouchesOfBank>,
     /// Which side is touched: each has numbers of its own
-    #[arg(long, value_name = "SIDE", default_value_t, value_parser = super::side())]
+    #[arg(long, value_name = "SIDE", default_value_t, value_parser = program::named::<Side>(Side::NAMES))]
     side: Side,
     /// Write the checkpoint here [default: into the model's own file, whose identity stays the same]
     #[arg(long, value_name = "FILE")]
