@@ -9,7 +9,7 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use tactile_data::recording::ros::cdr;
+use tactile_data::recording::ros::messages::{CompressedImage, Header, Time, from_cdr, to_cdr};
 use tactile_live::ros2::{
     Bus, Client, Delivery, Endpoint, Incoming, Level, Publication, Result, Service, Settings, Subscription, arguments,
 };
@@ -222,14 +222,8 @@ fn noise(seed: u64, n_bytes: usize) -> impl Iterator<Item = u8> {
 fn picture(number: u64, n_bytes: usize) -> Vec<u8> {
     let rest: Vec<_> = noise(number + 1, n_bytes.saturating_sub(12)).collect();
     let data = [&number.to_le_bytes()[..], &crc32fast::hash(&rest).to_le_bytes(), &rest].concat();
-    let now = now_ns();
-    let mut message = cdr::Writer::default();
-    message.i32((now / 1_000_000_000) as i32);
-    message.u32((now % 1_000_000_000) as u32);
-    message.string("gel");
-    message.string("jpeg");
-    message.bytes(&data);
-    message.finish()
+    let header = Header { stamp: Time::of_nanoseconds(now_ns()), frame_id: "gel".into() };
+    to_cdr(&CompressedImage { header, format: "jpeg".into(), data })
 }
 
 /// A message of random length and bytes behind a right header.
@@ -240,11 +234,8 @@ fn garbage(number: u64) -> Vec<u8> {
 
 /// A picture's number, whether its data are whole, how many they are, and when it was sent.
 fn read(message: &[u8]) -> tactile_data::error::Result<(u64, bool, usize, i64)> {
-    let mut reader = cdr::Reader::new(message, "picture")?;
-    let sent_ns = i64::from(reader.i32("sec")?) * 1_000_000_000 + i64::from(reader.u32("nanosec")?);
-    reader.string("frame_id")?;
-    reader.string("format")?;
-    let data = reader.bytes("data")?;
+    let CompressedImage { header, data, .. } = from_cdr(message, "picture")?;
+    let sent_ns = header.stamp.nanoseconds();
     let (Some(number), Some(crc)) = (data.first_chunk(), data.get(8..12)) else {
         return Ok((u64::MAX, false, data.len(), sent_ns));
     };

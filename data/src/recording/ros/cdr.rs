@@ -82,8 +82,19 @@ impl<'a> Reader<'a> {
         self.take(n_bytes, field)
     }
 
+    /// The next field.
+    ///
+    /// # Errors
+    /// As [`Field::read`].
+    pub fn read<F: Field>(&mut self, name: &str) -> Result<F> {
+        F::read(self, name)
+    }
+
     /// The count of a sequence; an item takes at least a byte.
-    pub(super) fn count(&mut self, field: &str) -> Result<usize> {
+    ///
+    /// # Errors
+    /// A count of more than the bytes that are left.
+    pub fn count(&mut self, field: &str) -> Result<usize> {
         let count = u32::read(self, field)? as usize;
         let left = self.body.len() - self.at;
         if count > left {

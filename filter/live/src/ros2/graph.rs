@@ -1,6 +1,6 @@
 //! How a node is seen by `ros2 node list` and `ros2 node info`, and its lines in `/rosout`.
 
-use tactile_data::recording::ros::cdr::{Reader, Writer};
+use tactile_data::recording::ros::cdr::{Field, Reader, Writer};
 
 use super::names::NodeName;
 
@@ -37,9 +37,6 @@ pub enum Identifiers {
     Long,
 }
 
-/// The least bytes of a node in a message.
-const LEAST_NODE_BYTES: usize = 16;
-
 impl Identifiers {
     /// The identifiers of a distribution of ROS 2; `None` where it is not known.
     pub(super) fn of_distribution(name: &str) -> Option<Self> {
@@ -70,20 +67,21 @@ impl Identifiers {
     /// Whether a message is a whole one with such identifiers.
     fn fit(self, cdr: &[u8]) -> tactile_data::error::Result<bool> {
         let mut reader = Reader::new(cdr, TOPIC)?;
-        let identifier = |reader: &mut Reader| (0..self.n_bytes()).try_for_each(|_| reader.u8("gid").map(|_| ()));
+        let identifier =
+            |reader: &mut Reader| (0..self.n_bytes()).try_for_each(|_| reader.read::<u8>("gid").map(|_| ()));
         identifier(&mut reader)?;
-        for _ in 0..reader.count(LEAST_NODE_BYTES, "nodes")? {
-            if !reader.string("namespace")?.starts_with('/') || reader.string("name")?.is_empty() {
+        for _ in 0..reader.count("nodes")? {
+            if !reader.read::<String>("namespace")?.starts_with('/') || reader.read::<String>("name")?.is_empty() {
                 return Ok(false);
             }
             for field in ["readers", "writers"] {
-                for _ in 0..reader.count(self.n_bytes(), field)? {
+                for _ in 0..reader.count(field)? {
                     identifier(&mut reader)?;
                 }
             }
         }
         // Up to three bytes may fill the end.
-        Ok((0..4).take_while(|_| reader.u8("end").is_ok()).count() < 4)
+        Ok((0..4).take_while(|_| reader.read::<u8>("end").is_ok()).count() < 4)
     }
 }
 
@@ -97,14 +95,14 @@ pub(super) fn participant(
 ) -> Vec<u8> {
     let mut message = Writer::default();
     let identifier = |message: &mut Writer, guid: &Guid| {
-        guid.iter().chain(&[0; 8]).take(identifiers.n_bytes()).for_each(|byte| message.u8(*byte));
+        guid.iter().chain(&[0; 8]).take(identifiers.n_bytes()).for_each(|byte| byte.write(message));
     };
     identifier(&mut message, &guid);
-    message.u32(1);
-    message.string(node.namespace());
-    message.string(node.name());
+    1_u32.write(&mut message);
+    node.namespace().to_owned().write(&mut message);
+    node.name().to_owned().write(&mut message);
     for endpoints in [readers, writers] {
-        message.u32(endpoints.len() as u32);
+        (endpoints.len() as u32).write(&mut message);
         endpoints.iter().for_each(|guid| identifier(&mut message, guid));
     }
     message.finish()
@@ -114,15 +112,13 @@ pub(super) fn participant(
 pub(super) fn log(time_ns: i64, level: Level, node: &NodeName, text: &str) -> Vec<u8> {
     const SECOND: i64 = 1_000_000_000;
     let mut message = Writer::default();
-    message.i32(i32::try_from(time_ns.div_euclid(SECOND)).unwrap_or(i32::MAX));
-    message.u32(time_ns.rem_euclid(SECOND) as u32);
-    message.u8(level as u8);
+    i32::try_from(time_ns.div_euclid(SECOND)).unwrap_or(i32::MAX).write(&mut message);
+    (time_ns.rem_euclid(SECOND) as u32).write(&mut message);
+    (level as u8).write(&mut message);
     // ROS 2 writes a logger's name with dots.
-    message.string(&node.full()[1..].replace('/', "."));
-    message.string(text);
-    message.string("");
-    message.string("");
-    message.u32(0);
+    let texts = [node.full()[1..].replace('/', "."), text.to_owned(), String::new(), String::new()];
+    texts.iter().for_each(|text| text.write(&mut message));
+    0_u32.write(&mut message);
     message.finish()
 }
 

@@ -80,7 +80,7 @@ pub(super) fn read_answer(cdr: &[u8], is_cyclone: bool) -> Result<(Form, Answer)
     let whole = [&PLAIN[..], message].concat();
     let read = || -> Result<Answer, DataError> {
         let mut reader = cdr::Reader::new(&whole, "Trigger's answer")?;
-        Ok(Answer { success: reader.u8("success")? != 0, message: reader.string("message")? })
+        Ok(Answer { success: reader.read("success")?, message: reader.read("message")? })
     };
     read().map(|answer| (form, answer)).map_err(|error| error.to_string())
 }
@@ -88,8 +88,8 @@ pub(super) fn read_answer(cdr: &[u8], is_cyclone: bool) -> Result<(Form, Answer)
 /// An answer.
 pub(super) fn write_answer(form: Form, answer: &Answer) -> Vec<u8> {
     let mut writer = cdr::Writer::default();
-    writer.u8(u8::from(answer.success));
-    writer.string(&answer.message);
+    cdr::Field::write(&answer.success, &mut writer);
+    cdr::Field::write(&answer.message, &mut writer);
     let whole = writer.finish();
     // The header's 16 bytes move no alignment.
     [&PLAIN[..], header(&form), &whole[PLAIN.len()..]].concat()

@@ -5,6 +5,8 @@ use std::sync::mpsc::SyncSender;
 
 #[cfg(feature = "foxglove")]
 use crate::error::Result;
+#[cfg(feature = "foxglove")]
+use crate::event::Given;
 #[cfg(feature = "watch")]
 use crate::event::{Input, Output, Topic};
 #[cfg(feature = "foxglove")]
@@ -36,7 +38,7 @@ pub fn foxglove(address: &str, setup: Setup) -> Result<Onlooker> {
     };
     Ok(Box::new(move |event, outputs| {
         let (line, cdr) = Line::of_input(&event.input);
-        if matches!(line, Line::Image | Line::CompressedImage | Line::ToolPose) {
+        if matches!(line, Line::Given(given) if given != Given::PartPose) {
             show(line, event.time_ns, &cdr);
         }
         for output in outputs {
