@@ -1,5 +1,6 @@
 //! The grid of poses at which a part was touched.
 
+#[cfg(feature = "sim")]
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
@@ -99,6 +100,7 @@ impl PoseGrid {
     }
 
     /// A pose anywhere in the range, each equally likely.
+    #[cfg(feature = "sim")]
     pub fn draw(&self, rng: &mut impl RngExt) -> Se2 {
         let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
         Se2::from_degrees(around(self.xy_half_mm), around(self.xy_half_mm), around(self.theta_half_deg))
