@@ -1,4 +1,4 @@
-//! What lies between the values of a raster.
+//! A value between the four of a raster that are round a place.
 
 /// Four values round a place in a raster, and how much each counts.
 #[derive(Clone, Copy, Debug)]
