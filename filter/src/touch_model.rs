@@ -216,6 +216,7 @@ impl TouchModel {
             by_expected: 0.0,
             by_size: 0.0,
             by_strain: 0.0,
+            by_misfit: 0.0,
             shared: None,
             usual: 0.0,
             strangers: Tail { at: self.stranger_at, scale: self.stranger_scale },

@@ -33,6 +33,10 @@ const SHARED: [f64; 2] = [0.5, 1.5];
 /// Which of the weights is of the number of touches.
 const BY_TOUCH: usize = 2;
 
+/// Which is of what a verifier says, and which of how far the maps are off.
+const BY_VERIFIER: usize = 3;
+const BY_MISFIT: usize = 7;
+
 /// Weights, and what a stranger that shares what was felt is told by: its offset, and the logarithm of how fast it grows.
 const N: usize = N_WEIGHTS + 2;
 
@@ -98,7 +102,7 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     let told = || Error::invalid("episodes", "strangers and parts that are named, and differ", "others");
     let setup = &evaluations[0].setup;
     let (numbers, cost) = fit(&rows, is_counted(judged, setup.side, setup.views)).ok_or_else(told)?;
-    let [offset, by_fit, by_touch, by_verifier, by_expected, by_size, by_strain, ..] = numbers;
+    let [offset, by_fit, by_touch, by_verifier, by_expected, by_size, by_strain, by_misfit, ..] = numbers;
     let absent = evaluations.iter().filter(|of| of.setup.absent);
     let n_parts: Vec<f64> = absent.clone().map(|of| of.setup.parts.len() as f64 - 1.0).collect();
     let none = Tail { at: 0.0, scale: 1.0 };
@@ -110,6 +114,7 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
         by_expected,
         by_size,
         by_strain,
+        by_misfit,
         shared: judged.then(|| shared(&numbers)),
         usual,
         strangers: none,
@@ -270,6 +275,8 @@ fn fit(rows: &[Row], is_counted: bool) -> Option<([f64; N], f64)> {
     let is_used = std::array::from_fn(|at| match at {
         0 => true,
         BY_TOUCH if !is_counted => false,
+        // Both say how alike touch and part are; over sensors and parts that were not fitted the maps say it better without the other.
+        BY_VERIFIER if rows.iter().any(|row| row.values[BY_MISFIT] != 0.0) => false,
         at if at < N_WEIGHTS => rows.iter().any(|row| row.values[at] != rows[0].values[at]),
         _ => rows.iter().any(|row| row.felt_share.is_some()),
     });
@@ -303,7 +310,7 @@ mod tests {
         let row = |is_there: bool, [a, b]: [f64; 2]| {
             let sign = if is_there { 1.0 } else { -1.0 };
             Row {
-                values: [1.0, 0.4 * sign + 0.25 + a, 0.0, 0.6 * sign + 2.0 * b, 0.0, 0.0, 0.0],
+                values: [1.0, 0.4 * sign + 0.25 + a, 0.0, 0.6 * sign + 2.0 * b, 0.0, 0.0, 0.0, 0.0],
                 felt_share: None,
                 is_there,
             }
@@ -316,7 +323,7 @@ mod tests {
     fn the_weights_are_the_log_odds_that_made_the_touches() {
         // 2 m / s^2 each: 0.8, and 2 * 0.6 / 4; the offset takes off what both have in common.
         let (weights, cost) = fit(&rows(40_000), true).unwrap();
-        for (found, expected) in weights.iter().zip([-0.2, 0.8, 0.0, 0.3, 0.0, 0.0, 0.0]) {
+        for (found, expected) in weights.iter().zip([-0.2, 0.8, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0]) {
             assert!((found - expected).abs() < 0.03, "{weights:?}");
         }
         assert!(cost < std::f64::consts::LN_2 && cost > 0.5, "{cost}");
@@ -354,6 +361,7 @@ mod tests {
             by_expected: 0.0,
             by_size: 0.0,
             by_strain: 0.0,
+            by_misfit: 0.0,
             shared: None,
             usual: 0.0,
             strangers: none,
@@ -411,7 +419,7 @@ mod tests {
     #[test]
     fn kinds_that_differ_wholly_have_finite_weights_and_one_kind_none() {
         let row = |is_there: bool| {
-            let values = [1.0, if is_there { 3.0 } else { -3.0 }, 2.0, 0.0, 0.0, 0.0, 0.0];
+            let values = [1.0, if is_there { 3.0 } else { -3.0 }, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0];
             Row { values, felt_share: None, is_there }
         };
         let (weights, cost) = fit(&[row(true), row(false), row(true)], true).unwrap();
@@ -430,7 +438,7 @@ mod tests {
             let looks_alike = is_there || i % 4 == 1 && felt < rng.random::<f64>();
             let mean = if looks_alike { 3.0 } else { -3.0 };
             let normal = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
-            let values = [1.0, mean + 1.5 * normal, 0.0, 0.0, 0.0, 0.0, 0.0];
+            let values = [1.0, mean + 1.5 * normal, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
             rows.push(Row { values, felt_share: Some(felt), is_there });
         }
         let (numbers, _) = fit(&rows, true).unwrap();

@@ -55,13 +55,14 @@ impl<'a> Asked<'a> {
                 expected: self.bank.expected().and_then(|expected| expected.of(part, self.side())),
                 outline_mm: outline_mm(&mosaic, &drawings, &part_from_first),
                 strain: None,
+                misfit: None,
             }
         });
         Some(Laid { part_from_first, hill, verified })
     }
 
-    /// What a verifier says of a place, with how the part that was touched differs in size from the one that would be there.
-    pub(super) fn with_strain(self, part: usize, placed: Placed) -> Placed {
+    /// What a verifier says of a place, with how the part that was touched differs in size and in shape from the one that would be there.
+    pub(super) fn compared(self, part: usize, placed: Placed) -> Placed {
         let mosaics = self.bank.mosaics().filter(|_| placed.verified.is_some());
         let usual = self.bank.expected().and_then(|expected| expected.strain_of(part, self.side()));
         // A hole reads unlike its peg: by how much, only a bank of a scene knows.
@@ -73,7 +74,11 @@ impl<'a> Asked<'a> {
             let strain = Strain::of(&edged, &mosaics.of(part, self.side()), &placed.part_from_first);
             usual.map_or(strain, |usual| strain.against(&usual))
         });
-        Placed { verified: placed.verified.map(|verified| Verified { strain, ..verified }), ..placed }
+        let verified = placed.verified.map(|verified| {
+            let misfit = self.misfit(part, &placed.part_from_first);
+            Verified { strain, misfit, ..verified }
+        });
+        Placed { verified, ..placed }
     }
 
     /// The touches that were drawn.

@@ -76,7 +76,7 @@ impl<'a> Asked<'a> {
         if judged.len() < 2 {
             let (part, probability) = likeliest(by_part);
             let placed = places.first().map_or_else(|| self.find_place(part), |place| place.placed);
-            let placed = self.with_strain(part, placed);
+            let placed = self.compared(part, placed);
             return Candidates {
                 by_part: by_part.to_vec(),
                 part,
@@ -90,7 +90,7 @@ impl<'a> Asked<'a> {
         let of_part = || places.iter().zip(&by_place).filter(|(place, _)| place.part == part);
         let best = of_part().reduce(|best, next| if next.1 > best.1 { next } else { best });
         let placed = best.map_or_else(|| self.find_place(part), |(place, _)| place.placed);
-        let placed = self.with_strain(part, placed);
+        let placed = self.compared(part, placed);
         let presence = self.presence(&placed);
         Candidates { by_part, part, probability, placed, presence }
     }

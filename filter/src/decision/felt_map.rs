@@ -4,6 +4,7 @@
 
 use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Frame;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::maps::align::Drawing;
 use tactile_infer::maps::mosaic::{Difference, Mosaic, Mosaics, Stitcher};
@@ -47,18 +48,32 @@ impl FeltMap {
 impl Asked<'_> {
     /// The maps of the touches stitched at their estimated poses; `None` where none was drawn, or they reach nowhere.
     pub(crate) fn felt_map(self) -> Option<FeltMap> {
-        let drawn = self.drawn();
-        let view_mm = drawn.first()?.drawing.map.view_mm;
         let Candidates { part, placed, .. } = *self.candidates();
-        let pose_of = |drawing: &Drawing<'_>| placed.part_from_first * drawing.first_from_sensor;
-        let drawn: Vec<_> = drawn.iter().map(|touch| (touch.drawing.map, pose_of(&touch.drawing))).collect();
-        let farthest = drawn.iter().map(|(_, pose)| pose.x_mm.abs().max(pose.y_mm.abs())).fold(0.0, f64::max);
-        let mut stitcher = Stitcher::around(farthest, view_mm);
-        drawn.iter().for_each(|(map, pose)| stitcher.add(map, pose));
-        let mosaics = Mosaics::stitched(&[stitcher], None).ok()?;
+        let mosaics = self.stitched(&placed.part_from_first)?;
         let side = self.side();
         let of_part = self.bank.mosaics().map(|mosaics| mosaics.of(part, side));
         let difference = of_part.map(|of_part| mosaics.of(0, side).difference(&of_part));
         Some(FeltMap { part: self.bank.parts()[part].clone(), side, mosaics, difference })
+    }
+
+    /// How far what was felt is from the map of a part at a place, beyond how much larger parts seem under this sensor; `None` without a map
+    /// of the side that is touched: a hole is drawn unlike its peg.
+    pub(super) fn misfit(self, part: usize, part_from_first: &Se2) -> Option<f64> {
+        let side = self.side();
+        let mosaics = self.bank.mosaics().filter(|mosaics| mosaics.side_for(side) == side)?;
+        let strain = self.config.sensor.strain(self.model);
+        self.stitched(part_from_first)?.of(0, side).misfit(&mosaics.of(part, side), strain)
+    }
+
+    /// The maps of the touches, stitched about the origin of a part that would be there.
+    fn stitched(self, part_from_first: &Se2) -> Option<Mosaics> {
+        let drawn = self.drawn();
+        let view_mm = drawn.first()?.drawing.map.view_mm;
+        let pose_of = |drawing: &Drawing<'_>| *part_from_first * drawing.first_from_sensor;
+        let drawn: Vec<_> = drawn.iter().map(|touch| (touch.drawing.map, pose_of(&touch.drawing))).collect();
+        let farthest = drawn.iter().map(|(_, pose)| pose.x_mm.abs().max(pose.y_mm.abs())).fold(0.0, f64::max);
+        let mut stitcher = Stitcher::around(farthest, view_mm);
+        drawn.iter().for_each(|(map, pose)| stitcher.add(map, pose));
+        Mosaics::stitched(&[stitcher], None).ok()
     }
 }

@@ -99,9 +99,14 @@ impl SensorMatch {
         Self { verifier, strain, ..self.with(model, scores) }
     }
 
+    /// How much larger parts seem under this sensor, 1 for twice as long.
+    pub(crate) fn strain(&self, model: &TouchModel) -> f64 {
+        model.sensor_strain + self.strain.mean
+    }
+
     /// What a verifier says, and the strain, less what is this sensor's.
     pub(crate) fn taken_off(&self, model: &TouchModel, verified: Verified) -> Verified {
-        let strain = verified.strain.map(|strain| strain.without(model.sensor_strain + self.strain.mean));
+        let strain = verified.strain.map(|strain| strain.without(self.strain(model)));
         self.verifier.taken_off(model, Verified { strain, ..verified })
     }
 

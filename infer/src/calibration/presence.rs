@@ -1,12 +1,12 @@
 //! Whether the part that is named is there at all, against a stranger: a part that the bank does not hold.
 //!
 //! For `n` touches with an edge, whose fit is `F` standard deviations and of which a verifier says `V`, where it says `E`
-//! of as many that were made on the part, by which the part's size is known to `K` nats and off by `S`, and which showed a share `c` of its
-//! outline, the log-odds that the named part is there, before which a stranger was as likely, are
+//! of as many that were made on the part, by which the part's size is known to `K` nats and off by `S`, whose maps together are off by `D`,
+//! and which showed a share `c` of its outline, the log-odds that the named part is there, before which a stranger was as likely, are
 //!
 //! ```text
 //! L = -ln(exp(-A) + exp(-B))
-//! A = offset + by_fit sqrt(n) F + by_touch n + by_verifier V + by_expected E + by_size K + by_strain S
+//! A = offset + by_fit sqrt(n) F + by_touch n + by_verifier V + by_expected E + by_size K + by_strain S + by_misfit D
 //! B = shared.offset - shared.by_felt ln(1 - c)
 //! ```
 //!
@@ -27,7 +27,10 @@ use crate::maps::strain::Strain;
 pub const TAIL_SHARE: f64 = 0.1;
 
 /// Weights of the log-odds.
-pub const N_WEIGHTS: usize = 7;
+pub const N_WEIGHTS: usize = 8;
+
+/// Maps state their errors so widely that a mean square of less is no better fit: touches of a part that is there come to 0.04 to 0.6.
+const LEAST_MISFIT: f64 = 0.1;
 
 /// The entries in a file: where holes are touched, where pegs are, and where holes are touched and judged by maps of holes.
 pub(crate) const ENTRIES: [&str; 3] = ["presence", "peg_presence", "hole_presence"];
@@ -89,6 +92,10 @@ pub struct Verified {
     /// How the part that was touched differs in size, where that was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strain: Option<Strain>,
+    /// How far all touches, stitched, are from the part's map, mean square in errors, where the bank has a map of the side that is touched
+    /// ([`Mosaic::misfit`](crate::maps::mosaic::Mosaic::misfit)).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub misfit: Option<f64>,
 }
 
 impl Verified {
@@ -107,6 +114,11 @@ impl Verified {
     pub fn size(&self) -> [f64; 2] {
         let side_mm = self.outline_mm[0] / 4.0;
         self.strain.map_or([0.0; 2], |strain| [strain.known_nats(side_mm), strain.off_nats()])
+    }
+
+    /// How far the maps are off, nats: the logarithm of the misfit; 0 where that was not asked for.
+    pub fn misfit_nats(&self) -> f64 {
+        self.misfit.map_or(0.0, |misfit| (misfit + LEAST_MISFIT).ln())
     }
 
     /// The share of the outline that is in view of the touches, 0..=1.
@@ -133,7 +145,8 @@ impl Felt {
         let n = self.n_fitted as f64;
         let [verified, expected] = self.verified.map_or([0.0; 2], |verified| verified.values(usual));
         let [known, off] = self.verified.map_or([0.0; 2], |verified| verified.size());
-        [1.0, n.sqrt() * self.fit, n, verified, expected, known, off]
+        let misfit = self.verified.map_or(0.0, |verified| verified.misfit_nats());
+        [1.0, n.sqrt() * self.fit, n, verified, expected, known, off, misfit]
     }
 }
 
@@ -182,6 +195,9 @@ pub struct PresenceOdds {
     /// What one that is off adds, a share of its nats.
     #[serde(default)]
     pub by_strain: f64,
+    /// What maps that are off add, a share of their nats; 0 where the bank has no map of the side that is touched.
+    #[serde(default)]
+    pub by_misfit: f64,
     /// Against a stranger that shares what was felt; `None` where nobody knows how much of the outline that is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shared: Option<Shared>,
@@ -223,10 +239,10 @@ pub fn against_both(a: f64, b: f64) -> f64 {
 }
 
 impl PresenceOdds {
-    /// The weights: offset, by fit, by touch, by verifier, by what is expected of it, by size, by strain.
+    /// The weights: offset, by fit, by touch, by verifier, by what is expected of it, by size, by strain, by misfit.
     pub fn weights(&self) -> [f64; N_WEIGHTS] {
-        let Self { offset, by_fit, by_touch, by_verifier, by_expected, by_size, by_strain, .. } = *self;
-        [offset, by_fit, by_touch, by_verifier, by_expected, by_size, by_strain]
+        let Self { offset, by_fit, by_touch, by_verifier, by_expected, by_size, by_strain, by_misfit, .. } = *self;
+        [offset, by_fit, by_touch, by_verifier, by_expected, by_size, by_strain, by_misfit]
     }
 
     /// The log-odds by what was felt, nats.
@@ -261,6 +277,7 @@ impl PresenceOdds {
             ("by_expected", self.by_expected),
             ("by_size", self.by_size),
             ("by_strain", self.by_strain),
+            ("by_misfit", self.by_misfit),
             ("shared.offset", shared.offset),
             ("shared.by_felt", shared.by_felt),
             ("usual", self.usual),
@@ -295,6 +312,7 @@ mod tests {
             by_expected: -0.25,
             by_size: 0.5,
             by_strain: -2.0,
+            by_misfit: -0.5,
             shared: None,
             usual: 2.0,
             strangers: Tail { at: 1.0, scale: 2.0 },
@@ -308,8 +326,14 @@ mod tests {
     #[test]
     fn rates_are_those_of_tails_and_grow_with_the_bank() {
         // -0.5 + 1.25 * 2 * 0.4 + 0.75 * 4 + 0.5 * 10 / 2 - 0.25 * 4 * 2 / 2 = 5.
-        let verified =
-            Some(Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [0.0; 2], strain: None });
+        let verified = Some(Verified {
+            log_odds: 10.0,
+            n_new: 4.0,
+            expected: None,
+            outline_mm: [0.0; 2],
+            strain: None,
+            misfit: None,
+        });
         let felt = Felt { fit: 0.4, n_fitted: 4, verified };
         let found = odds().presence(&felt, 12);
         assert!((found.log_odds - 5.0).abs() < 1e-12);
@@ -327,7 +351,7 @@ mod tests {
     #[test]
     fn a_verifier_is_judged_by_what_it_says_of_the_parts_own_touches() {
         let of = |log_odds, n_new, expected| {
-            Verified { log_odds, n_new, expected, outline_mm: [0.0; 2], strain: None }.values(2.0)
+            Verified { log_odds, n_new, expected, outline_mm: [0.0; 2], strain: None, misfit: None }.values(2.0)
         };
         let socket = Some(Spread { mean: -1.0, sd: 3.0 });
         assert_eq!([of(8.0, 4.0, None), of(-4.0, 4.0, socket)], [[4.0, 4.0], [-2.0, -2.0]]);
@@ -340,8 +364,14 @@ mod tests {
         let (sd, mm) = (0.01_f64, 10.0);
         let covariance = [[sd * sd, 0.0, 0.0], [0.0, sd * sd, 0.0], [0.0, 0.0, sd * sd]];
         let of = |mean| {
-            let verified =
-                Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [4.0 * mm, 0.0], strain: None };
+            let verified = Verified {
+                log_odds: 10.0,
+                n_new: 4.0,
+                expected: None,
+                outline_mm: [4.0 * mm, 0.0],
+                strain: None,
+                misfit: None,
+            };
             let strain = Some(Strain { mean, covariance });
             odds().log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(Verified { strain, ..verified }) })
         };
@@ -354,11 +384,33 @@ mod tests {
     }
 
     #[test]
+    fn maps_that_are_off_speak_against_the_part_by_their_powers() {
+        let of = |misfit| {
+            let verified =
+                Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [0.0; 2], strain: None, misfit };
+            odds().log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) })
+        };
+        // Twice as far off, and half; a misfit whose logarithm is none, and none that was asked for.
+        let two = 2.0_f64.ln();
+        for (misfit, expected) in
+            [(Some(1.9), 5.0 - 0.5 * two), (Some(0.4), 5.0 + 0.5 * two), (Some(0.9), 5.0), (None, 5.0)]
+        {
+            assert!((of(misfit) - expected).abs() < 1e-9, "{misfit:?}");
+        }
+    }
+
+    #[test]
     fn what_was_not_felt_bounds_how_sure_it_is() {
         let odds = PresenceOdds { shared: Some(Shared { offset: 0.5, by_felt: 3.0 }), ..odds() };
         let felt = |felt_mm: f64| {
-            let verified =
-                Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [40.0, felt_mm], strain: None };
+            let verified = Verified {
+                log_odds: 10.0,
+                n_new: 4.0,
+                expected: None,
+                outline_mm: [40.0, felt_mm],
+                strain: None,
+                misfit: None,
+            };
             odds.log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) })
         };
         // 5 as without; three times the logarithm of 4 where a quarter is left.

@@ -67,6 +67,9 @@ pub struct Difference {
     pub only_second_mm2: f64,
 }
 
+/// Places are compared where either outline is this near, mm: farther off maps are cut off.
+const NEAR_MM: f32 = 2.0;
+
 /// The distance at a place, and how it changes along x and y.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Slope {
@@ -279,6 +282,22 @@ impl<'a> Mosaic<'a> {
         sum
     }
 
+    /// How far the distances that it shows near an outline are from those of another about the same origin, where it seems larger by this
+    /// strain: the mean square, in the errors of both; `None` where they show nothing in common.
+    pub fn misfit(&self, other: &Mosaic<'_>, strain: f64) -> Option<f64> {
+        let (mut sum, mut n) = (0.0, 0.0);
+        for (column, row) in (0..self.n * self.n).map(|at| (at % self.n, at / self.n)) {
+            let (place_mm, here) = self.cell(column, row);
+            let unstrained = place_mm.map(|mm| (1.0 - strain) * mm);
+            let Some(there) = other.at(unstrained).filter(|_| here.n_seen > 0.0) else { continue };
+            if here.distance_mm.abs().min(there.distance_mm.abs()) < NEAR_MM {
+                let off = (here.distance_mm - there.distance_mm) / here.error_mm.hypot(there.error_mm);
+                (sum, n) = (sum + f64::from(off * off), n + 1.0);
+            }
+        }
+        (n > 0.0).then_some(sum / n)
+    }
+
     /// The distance at a place and how it changes.
     #[inline(always)]
     pub(super) fn slope(&self, place_mm: [f64; 2]) -> Option<Slope> {
@@ -447,6 +466,30 @@ pub(super) mod tests {
         assert!((found.seen_mm2 - (59.0_f64 * 0.3).powi(2)).abs() < 12.0, "{found:?}");
         let other = small.of(0, Side::Peg).difference(&large.of(0, Side::Peg));
         assert!((other.only_second_mm2 - found.only_first_mm2).abs() < 2.0 && other.only_first_mm2 == 0.0, "{other:?}");
+    }
+
+    #[test]
+    fn a_misfit_is_the_mean_square_near_either_outline() {
+        let disc = |radius: f64| {
+            let n = 60;
+            let values = (0..n * n).flat_map(|at| {
+                let mm = (middle(n, at % n).hypot(middle(n, at / n)) - radius).clamp(-3.0, 3.0);
+                [mm as f32, 0.0, 0.0, 0.05, 2.0]
+            });
+            Mosaics::new([1, 1, n, n, N_VALUES], values.collect()).unwrap()
+        };
+        let [small, large] = [disc(5.0), disc(5.4)];
+        let found = small.of(0, Side::Peg).misfit(&large.of(0, Side::Peg), 0.0).unwrap();
+        // 0.4 mm in errors of 0.05 each.
+        let expected = (0.4 / (0.05 * 2.0_f64.sqrt())).powi(2);
+        assert!((found / expected - 1.0).abs() < 0.02, "{found} {expected}");
+        assert!(small.of(0, Side::Peg).misfit(&small.of(0, Side::Peg), 0.0).unwrap() < 1e-3);
+        // A disc that seems larger by what it is larger.
+        let known = large.of(0, Side::Peg).misfit(&small.of(0, Side::Peg), 1.0 - 5.0 / 5.4).unwrap();
+        assert!(known < 0.1 * found, "{known} {found}");
+        let n = 10;
+        let unseen = Mosaics::new([1, 1, n, n, N_VALUES], [3.0, 0.0, 0.0, 3.0, 0.0].repeat(n * n)).unwrap();
+        assert_eq!(unseen.of(0, Side::Peg).misfit(&small.of(0, Side::Peg), 0.0), None);
     }
 
     #[test]

@@ -93,7 +93,7 @@ fn say(certified: &Certified, place: &str) {
     });
     program::say(format_args!(
         "{place}: {} episodes with strangers, {} with parts that are there; C_llr {cost_bits:.3} bits\n  \
-         offset {:.2}, by fit {:.2}, by touch {:.2}, by verifier {:.2}, by what is expected of it {:.2}, by a known size {:.2}, by one that is off {:.2}; {}\n  \
+         offset {:.2}, by fit {:.2}, by touch {:.2}, by verifier {:.2}, by what is expected of it {:.2}, by a known size {:.2}, by one that is off {:.2}, by maps that are {:.2}; {}\n  \
          strangers {kind} {:.2} and {:.2} beyond, against {} parts; parts that are there {:.2} and {:.2}",
         odds.n_strangers,
         odds.n_present,
@@ -104,6 +104,7 @@ fn say(certified: &Certified, place: &str) {
         odds.by_expected,
         odds.by_size,
         odds.by_strain,
+        odds.by_misfit,
         shared,
         odds.strangers.at,
         odds.strangers.scale,
