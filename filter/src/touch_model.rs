@@ -219,6 +219,7 @@ impl TouchModel {
             by_misfit: 0.0,
             shared: None,
             usual: 0.0,
+            usual_misfit: 0.0,
             strangers: Tail { at: self.stranger_at, scale: self.stranger_scale },
             present: Tail { at: self.present_at, scale: self.present_scale },
             n_parts: self.stranger_parts,

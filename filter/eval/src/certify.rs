@@ -12,7 +12,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use tactile_data::dataset::touch::Side;
 use tactile_infer::bank::views::Views;
 use tactile_infer::calibration::minimum::minimum;
-use tactile_infer::calibration::presence::{Felt, N_WEIGHTS, PresenceOdds, Shared, Tail, Verified, against_both, left};
+use tactile_infer::calibration::presence::{
+    Felt, N_WEIGHTS, PresenceOdds, Shared, Tail, Verified, against_both, left, misfit_nats,
+};
 
 use crate::episodes::Episodes;
 use crate::error::{Error, Result};
@@ -30,12 +32,10 @@ const RIDGE: f64 = 1e-4;
 /// Where the search for strangers that share what was felt begins a second time: their offset, and the logarithm of how fast it grows.
 const SHARED: [f64; 2] = [0.5, 1.5];
 
-/// Which of the weights is of the number of touches.
+/// Which of the weights is of the number of touches, which of what a verifier says, and which two of the size.
 const BY_TOUCH: usize = 2;
-
-/// Which is of what a verifier says, and which of how far the maps are off.
 const BY_VERIFIER: usize = 3;
-const BY_MISFIT: usize = 7;
+const BY_SIZES: [usize; 2] = [5, 6];
 
 /// Weights, and what a stranger that shares what was felt is told by: its offset, and the logarithm of how fast it grows.
 const N: usize = N_WEIGHTS + 2;
@@ -89,11 +89,11 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
         let expected = format!("{FEWEST} or more with strangers (--absent), and as many without");
         return Err(Error::invalid("episodes", expected, format!("{n_strangers} and {n_present}")));
     }
-    let usual = usual(&courses);
+    let [usual, usual_misfit] = usual(&courses);
     let rows = courses.iter().flat_map(|course| {
         let named = course.felt.iter().filter(|(_, is_named)| *is_named);
         named.map(|(felt, _)| Row {
-            values: felt.values(usual),
+            values: felt.values([usual, usual_misfit]),
             felt_share: felt.verified.map(|verified| verified.felt_share()),
             is_there: course.is_there,
         })
@@ -101,7 +101,8 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     let rows: Vec<Row> = rows.collect();
     let told = || Error::invalid("episodes", "strangers and parts that are named, and differ", "others");
     let setup = &evaluations[0].setup;
-    let (numbers, cost) = fit(&rows, is_counted(judged, setup.side, setup.views)).ok_or_else(told)?;
+    let (numbers, cost) =
+        fit(&rows, |number| !judged || is_weighed(setup.side, setup.views, number)).ok_or_else(told)?;
     let [offset, by_fit, by_touch, by_verifier, by_expected, by_size, by_strain, by_misfit, ..] = numbers;
     let absent = evaluations.iter().filter(|of| of.setup.absent);
     let n_parts: Vec<f64> = absent.clone().map(|of| of.setup.parts.len() as f64 - 1.0).collect();
@@ -117,6 +118,7 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
         by_misfit,
         shared: judged.then(|| shared(&numbers)),
         usual,
+        usual_misfit,
         strangers: none,
         present: none,
         n_parts: n_parts.iter().sum::<f64>() / n_parts.len() as f64,
@@ -135,10 +137,15 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     Ok(Certified { odds, cost_bits, hardest: hardest.map(str::to_owned), n_stranger_parts })
 }
 
-/// Whether the number of touches counts next to what each says. Not of holes on maps of pegs: there a verifier says little of some parts,
-/// and ten touches that say nothing would make them sure.
-fn is_counted(judged: bool, touched: Side, views: Views) -> bool {
-    !(judged && touched.is_hole() && views.is_pegs())
+/// Whether touches are judged by maps with a weight of this number; cross-validated by bank. Of holes on maps of pegs a verifier says little
+/// for some parts, and ten touches that say nothing would make them sure. On maps of their own side the misfit says what a size does,
+/// and of pegs what a verifier does, under sensors that were not fitted, too.
+fn is_weighed(touched: Side, views: Views, number: usize) -> bool {
+    match (touched.is_hole(), views.is_pegs()) {
+        (true, true) => number != BY_TOUCH,
+        (true, false) => !BY_SIZES.contains(&number),
+        (false, _) => number != BY_VERIFIER,
+    }
 }
 
 /// Refuses evaluations that do not go together.
@@ -173,14 +180,15 @@ fn courses(of: &Episodes, judged: bool) -> Vec<Course<'_>> {
     run.outcomes.iter().map(course).collect()
 }
 
-/// What a verifier says of a touch of a part that is there, nats: the mean of the first touches after which episodes would name it.
-fn usual(courses: &[Course<'_>]) -> f64 {
-    let of_touch = |course: &Course<'_>| {
-        let (felt, _) = course.felt.iter().find(|(_, is_named)| *is_named)?;
-        felt.verified.map(|Verified { log_odds, n_new, .. }| log_odds / n_new.max(1.0))
-    };
-    let touches: Vec<f64> = courses.iter().filter(|course| course.is_there).filter_map(of_touch).collect();
-    touches.iter().sum::<f64>() / touches.len().max(1) as f64
+/// What a verifier says of a touch of a part that is there, and how far its maps are off, nats: the means of the first touches after which
+/// episodes would name it.
+fn usual(courses: &[Course<'_>]) -> [f64; 2] {
+    let first = |course: &Course<'_>| course.felt.iter().find(|(_, is_named)| *is_named)?.0.verified;
+    let first: Vec<Verified> = courses.iter().filter(|course| course.is_there).filter_map(first).collect();
+    let said = first.iter().map(|Verified { log_odds, n_new, .. }| log_odds / n_new.max(1.0));
+    let misfits: Vec<f64> = first.iter().filter_map(|verified| verified.misfit).map(misfit_nats).collect();
+    let mean = |sum: f64, n: usize| sum / n.max(1) as f64;
+    [mean(said.sum(), first.len()), mean(misfits.iter().sum(), misfits.len())]
 }
 
 /// The highest log-odds of the touches after which an episode names a part.
@@ -264,9 +272,9 @@ impl Cost<'_> {
     }
 }
 
-/// The numbers of least cost (L-BFGS), and the cost, nats. `is_counted`: whether touches have a weight of their own. `None` where one kind
-/// is missing or such numbers do not exist.
-fn fit(rows: &[Row], is_counted: bool) -> Option<([f64; N], f64)> {
+/// The numbers of least cost (L-BFGS), and the cost, nats. `is_weighed`: which weights there are. `None` where one kind is missing or such
+/// numbers do not exist.
+fn fit(rows: &[Row], is_weighed: impl Fn(usize) -> bool) -> Option<([f64; N], f64)> {
     let n = [false, true].map(|is_there| rows.iter().filter(|row| row.is_there == is_there).count() as f64);
     if n.contains(&0.0) {
         return None;
@@ -274,10 +282,7 @@ fn fit(rows: &[Row], is_counted: bool) -> Option<([f64; N], f64)> {
     // What is the same in all rows has no weight of its own: no verifier.
     let is_used = std::array::from_fn(|at| match at {
         0 => true,
-        BY_TOUCH if !is_counted => false,
-        // Both say how alike touch and part are; over sensors and parts that were not fitted the maps say it better without the other.
-        BY_VERIFIER if rows.iter().any(|row| row.values[BY_MISFIT] != 0.0) => false,
-        at if at < N_WEIGHTS => rows.iter().any(|row| row.values[at] != rows[0].values[at]),
+        at if at < N_WEIGHTS => is_weighed(at) && rows.iter().any(|row| row.values[at] != rows[0].values[at]),
         _ => rows.iter().any(|row| row.felt_share.is_some()),
     });
     let cost = Cost { rows, shares: n.map(|n| 0.5 / n), is_used };
@@ -322,7 +327,7 @@ mod tests {
     #[test]
     fn the_weights_are_the_log_odds_that_made_the_touches() {
         // 2 m / s^2 each: 0.8, and 2 * 0.6 / 4; the offset takes off what both have in common.
-        let (weights, cost) = fit(&rows(40_000), true).unwrap();
+        let (weights, cost) = fit(&rows(40_000), |_| true).unwrap();
         for (found, expected) in weights.iter().zip([-0.2, 0.8, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0]) {
             assert!((found - expected).abs() < 0.03, "{weights:?}");
         }
@@ -364,6 +369,7 @@ mod tests {
             by_misfit: 0.0,
             shared: None,
             usual: 0.0,
+            usual_misfit: 0.0,
             strangers: none,
             present: none,
             n_parts: 11.0,
@@ -400,10 +406,11 @@ mod tests {
     }
 
     #[test]
-    fn holes_on_maps_of_pegs_are_judged_without_their_number() {
-        let all =
-            [Side::Hole, Side::Peg].map(|side| [Views::Pegs, Views::Both].map(|views| is_counted(true, side, views)));
-        assert_eq!((all, is_counted(false, Side::Hole, Views::Pegs)), ([[false, true], [true, true]], true));
+    fn each_map_has_the_weights_that_it_says() {
+        let weighed = |side, views| (0..N).filter(|at| is_weighed(side, views, *at)).collect::<Vec<_>>();
+        assert_eq!(weighed(Side::Hole, Views::Pegs), [0, 1, 3, 4, 5, 6, 7, 8, 9]);
+        assert_eq!(weighed(Side::Hole, Views::Both), [0, 1, 2, 3, 4, 7, 8, 9]);
+        assert_eq!(weighed(Side::Peg, Views::Pegs), [0, 1, 2, 4, 5, 6, 7, 8, 9]);
         // Parts that are there were touched more often: a weight, unless touches are not counted.
         let rows: Vec<Row> = rows(4_000)
             .into_iter()
@@ -412,7 +419,7 @@ mod tests {
                 row
             })
             .collect();
-        let [counted, not] = [true, false].map(|is| fit(&rows, is).unwrap());
+        let [counted, not] = [true, false].map(|is| fit(&rows, |at| is || at != BY_TOUCH).unwrap());
         assert!(counted.0[BY_TOUCH] > 1.0 && not.0[BY_TOUCH] == 0.0 && counted.1 < not.1, "{counted:?} {not:?}");
     }
 
@@ -422,9 +429,9 @@ mod tests {
             let values = [1.0, if is_there { 3.0 } else { -3.0 }, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0];
             Row { values, felt_share: None, is_there }
         };
-        let (weights, cost) = fit(&[row(true), row(false), row(true)], true).unwrap();
+        let (weights, cost) = fit(&[row(true), row(false), row(true)], |_| true).unwrap();
         assert!(weights.iter().all(|weight| weight.abs() < 50.0) && cost < 0.05 && weights[1] > 0.5, "{weights:?}");
-        assert!(fit(&[row(true), row(true)], true).is_none());
+        assert!(fit(&[row(true), row(true)], |_| true).is_none());
     }
 
     /// Strangers of two kinds: one half differs all over, the other only where the outline was not felt.
@@ -441,7 +448,7 @@ mod tests {
             let values = [1.0, mean + 1.5 * normal, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
             rows.push(Row { values, felt_share: Some(felt), is_there });
         }
-        let (numbers, _) = fit(&rows, true).unwrap();
+        let (numbers, _) = fit(&rows, |_| true).unwrap();
         let odds =
             |value: f64, felt: f64| against_both(numbers[0] + numbers[1] * value, shared(&numbers).log_odds(felt));
         // A touch that is wholly like the part: one of (1 - c) / 2 strangers is, too.

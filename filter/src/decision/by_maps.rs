@@ -7,6 +7,7 @@ use tactile_data::pose::se2::Se2;
 use tactile_infer::calibration::presence::Verified;
 use tactile_infer::maps::align::Drawing;
 use tactile_infer::maps::coverage::outline_mm;
+use tactile_infer::maps::mosaic::Mosaics;
 use tactile_infer::maps::strain::Strain;
 use tactile_infer::maps::verifier::compared;
 
@@ -56,6 +57,7 @@ impl<'a> Asked<'a> {
                 outline_mm: outline_mm(&mosaic, &drawings, &part_from_first),
                 strain: None,
                 misfit: None,
+                usual_misfit: None,
             }
         });
         Some(Laid { part_from_first, hill, verified })
@@ -63,22 +65,25 @@ impl<'a> Asked<'a> {
 
     /// What a verifier says of a place, with how the part that was touched differs in size and in shape from the one that would be there.
     pub(super) fn compared(self, part: usize, placed: Placed) -> Placed {
-        let mosaics = self.bank.mosaics().filter(|_| placed.verified.is_some());
-        let usual = self.bank.expected().and_then(|expected| expected.strain_of(part, self.side()));
+        let side = self.side();
+        let usual = self.bank.expected().and_then(|expected| expected.strain_of(part, side));
         // A hole reads unlike its peg: by how much, only a bank of a scene knows.
-        let mosaics = mosaics.filter(|mosaics| usual.is_some() || mosaics.side_for(self.side()) == self.side());
-        let strain = mosaics.map(|mosaics| {
-            let drawn = self.drawn();
-            let edged = drawn.iter().filter(|touch| !touch.is_blank).map(|touch| touch.drawing);
-            let edged: Vec<Drawing<'_>> = edged.collect();
-            let strain = Strain::of(&edged, &mosaics.of(part, self.side()), &placed.part_from_first);
-            usual.map_or(strain, |usual| strain.against(&usual))
-        });
-        let verified = placed.verified.map(|verified| {
-            let misfit = self.misfit(part, &placed.part_from_first);
-            Verified { strain, misfit, ..verified }
-        });
-        Placed { verified, ..placed }
+        let is_known = |mosaics: &&Mosaics| usual.is_some() || mosaics.side_for(side) == side;
+        let Some((verified, mosaics)) = placed.verified.zip(self.bank.mosaics().filter(is_known)) else {
+            return placed;
+        };
+        let (drawn, mosaic) = (self.drawn(), mosaics.of(part, side));
+        let of =
+            |of: &dyn Fn(&&Drawn<'_>) -> bool| drawn.iter().filter(of).map(|touch| touch.drawing).collect::<Vec<_>>();
+        let (all, edged) = (of(&|_| true), of(&|touch| !touch.is_blank));
+        let strain = Strain::of(&edged, &mosaic, &placed.part_from_first);
+        let verified = Verified {
+            strain: Some(usual.map_or(strain, |usual| strain.against(&usual))),
+            misfit: mosaic.misfit_of(&all, &placed.part_from_first, self.config.sensor.strain(self.model)),
+            usual_misfit: usual.and_then(|usual| usual.misfit),
+            ..verified
+        };
+        Placed { verified: Some(verified), ..placed }
     }
 
     /// The touches that were drawn.

@@ -7,7 +7,7 @@ use tactile_data::frame::Frame;
 use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::maps::align::Drawing;
-use tactile_infer::maps::mosaic::{Difference, Mosaic, Mosaics, Stitcher};
+use tactile_infer::maps::mosaic::{Difference, Mosaic, Mosaics};
 use tactile_infer::maps::picture::compared;
 
 use crate::decision::candidates::Candidates;
@@ -56,24 +56,9 @@ impl Asked<'_> {
         Some(FeltMap { part: self.bank.parts()[part].clone(), side, mosaics, difference })
     }
 
-    /// How far what was felt is from the map of a part at a place, beyond how much larger parts seem under this sensor; `None` without a map
-    /// of the side that is touched: a hole is drawn unlike its peg.
-    pub(super) fn misfit(self, part: usize, part_from_first: &Se2) -> Option<f64> {
-        let side = self.side();
-        let mosaics = self.bank.mosaics().filter(|mosaics| mosaics.side_for(side) == side)?;
-        let strain = self.config.sensor.strain(self.model);
-        self.stitched(part_from_first)?.of(0, side).misfit(&mosaics.of(part, side), strain)
-    }
-
     /// The maps of the touches, stitched about the origin of a part that would be there.
     fn stitched(self, part_from_first: &Se2) -> Option<Mosaics> {
-        let drawn = self.drawn();
-        let view_mm = drawn.first()?.drawing.map.view_mm;
-        let pose_of = |drawing: &Drawing<'_>| *part_from_first * drawing.first_from_sensor;
-        let drawn: Vec<_> = drawn.iter().map(|touch| (touch.drawing.map, pose_of(&touch.drawing))).collect();
-        let farthest = drawn.iter().map(|(_, pose)| pose.x_mm.abs().max(pose.y_mm.abs())).fold(0.0, f64::max);
-        let mut stitcher = Stitcher::around(farthest, view_mm);
-        drawn.iter().for_each(|(map, pose)| stitcher.add(map, pose));
-        Mosaics::stitched(&[stitcher], None).ok()
+        let drawings: Vec<Drawing<'_>> = self.drawn().iter().map(|touch| touch.drawing).collect();
+        Mosaics::of_touches(&drawings, part_from_first)
     }
 }

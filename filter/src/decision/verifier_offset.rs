@@ -73,6 +73,7 @@ mod tests {
             outline_mm: [40.0, 10.0],
             strain: None,
             misfit: None,
+            usual_misfit: None,
         }
     }
 

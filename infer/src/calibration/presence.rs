@@ -96,6 +96,14 @@ pub struct Verified {
     /// ([`Mosaic::misfit`](crate::maps::mosaic::Mosaic::misfit)).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<f64>,
+    /// What that comes to where touches were made on the part, nats ([`misfit_nats`]), where the bank knows it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub usual_misfit: Option<f64>,
+}
+
+/// How far maps are off, nats: the logarithm of their misfit.
+pub fn misfit_nats(misfit: f64) -> f64 {
+    (misfit + LEAST_MISFIT).ln()
 }
 
 impl Verified {
@@ -116,9 +124,10 @@ impl Verified {
         self.strain.map_or([0.0; 2], |strain| [strain.known_nats(side_mm), strain.off_nats()])
     }
 
-    /// How far the maps are off, nats: the logarithm of the misfit; 0 where that was not asked for.
-    pub fn misfit_nats(&self) -> f64 {
-        self.misfit.map_or(0.0, |misfit| (misfit + LEAST_MISFIT).ln())
+    /// How far the maps are off beyond what is usual, nats; 0 where that was not asked for. `usual`: what is, of a part that the bank does
+    /// not know.
+    pub fn misfit_nats(&self, usual: f64) -> f64 {
+        self.misfit.map_or(0.0, |misfit| misfit_nats(misfit) - self.usual_misfit.unwrap_or(usual))
     }
 
     /// The share of the outline that is in view of the touches, 0..=1.
@@ -140,12 +149,13 @@ pub struct Felt {
 }
 
 impl Felt {
-    /// What the weights are of, [`PresenceOdds::weights`]. `usual`: what a verifier says of a touch on a part that the bank does not know.
-    pub fn values(&self, usual: f64) -> [f64; N_WEIGHTS] {
+    /// What the weights are of, [`PresenceOdds::weights`]. `usual`: what a verifier says of a touch on a part that the bank does not know, and
+    /// how far its maps are off.
+    pub fn values(&self, [usual, usual_misfit]: [f64; 2]) -> [f64; N_WEIGHTS] {
         let n = self.n_fitted as f64;
         let [verified, expected] = self.verified.map_or([0.0; 2], |verified| verified.values(usual));
         let [known, off] = self.verified.map_or([0.0; 2], |verified| verified.size());
-        let misfit = self.verified.map_or(0.0, |verified| verified.misfit_nats());
+        let misfit = self.verified.map_or(0.0, |verified| verified.misfit_nats(usual_misfit));
         [1.0, n.sqrt() * self.fit, n, verified, expected, known, off, misfit]
     }
 }
@@ -203,6 +213,9 @@ pub struct PresenceOdds {
     pub shared: Option<Shared>,
     /// What it says of a touch that was made on a part of which no more is known, nats.
     pub usual: f64,
+    /// How far the maps of such a part are off, nats ([`misfit_nats`]).
+    #[serde(default)]
+    pub usual_misfit: f64,
     /// How high strangers come.
     pub strangers: Tail,
     /// How far below zero parts come that are there: of `-L`.
@@ -247,8 +260,12 @@ impl PresenceOdds {
 
     /// The log-odds by what was felt, nats.
     pub fn log_odds(&self, felt: &Felt) -> f64 {
-        let of_any: f64 =
-            self.weights().iter().zip(felt.values(self.usual)).map(|(weight, value)| weight * value).sum();
+        let of_any: f64 = self
+            .weights()
+            .iter()
+            .zip(felt.values([self.usual, self.usual_misfit]))
+            .map(|(weight, value)| weight * value)
+            .sum();
         match self.shared.zip(felt.verified) {
             Some((shared, verified)) => against_both(of_any, shared.log_odds(verified.felt_share())),
             None => of_any,
@@ -281,6 +298,7 @@ impl PresenceOdds {
             ("shared.offset", shared.offset),
             ("shared.by_felt", shared.by_felt),
             ("usual", self.usual),
+            ("usual_misfit", self.usual_misfit),
             ("strangers.at", self.strangers.at),
             ("present.at", self.present.at),
         ];
@@ -315,6 +333,7 @@ mod tests {
             by_misfit: -0.5,
             shared: None,
             usual: 2.0,
+            usual_misfit: 0.0,
             strangers: Tail { at: 1.0, scale: 2.0 },
             present: Tail { at: 0.5, scale: 1.5 },
             n_parts: 12.0,
@@ -333,6 +352,7 @@ mod tests {
             outline_mm: [0.0; 2],
             strain: None,
             misfit: None,
+            usual_misfit: None,
         });
         let felt = Felt { fit: 0.4, n_fitted: 4, verified };
         let found = odds().presence(&felt, 12);
@@ -351,7 +371,8 @@ mod tests {
     #[test]
     fn a_verifier_is_judged_by_what_it_says_of_the_parts_own_touches() {
         let of = |log_odds, n_new, expected| {
-            Verified { log_odds, n_new, expected, outline_mm: [0.0; 2], strain: None, misfit: None }.values(2.0)
+            Verified { log_odds, n_new, expected, outline_mm: [0.0; 2], strain: None, misfit: None, usual_misfit: None }
+                .values(2.0)
         };
         let socket = Some(Spread { mean: -1.0, sd: 3.0 });
         assert_eq!([of(8.0, 4.0, None), of(-4.0, 4.0, socket)], [[4.0, 4.0], [-2.0, -2.0]]);
@@ -371,6 +392,7 @@ mod tests {
                 outline_mm: [4.0 * mm, 0.0],
                 strain: None,
                 misfit: None,
+                usual_misfit: None,
             };
             let strain = Some(Strain { mean, covariance });
             odds().log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(Verified { strain, ..verified }) })
@@ -386,8 +408,15 @@ mod tests {
     #[test]
     fn maps_that_are_off_speak_against_the_part_by_their_powers() {
         let of = |misfit| {
-            let verified =
-                Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [0.0; 2], strain: None, misfit };
+            let verified = Verified {
+                log_odds: 10.0,
+                n_new: 4.0,
+                expected: None,
+                outline_mm: [0.0; 2],
+                strain: None,
+                misfit,
+                usual_misfit: None,
+            };
             odds().log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) })
         };
         // Twice as far off, and half; a misfit whose logarithm is none, and none that was asked for.
@@ -410,6 +439,7 @@ mod tests {
                 outline_mm: [40.0, felt_mm],
                 strain: None,
                 misfit: None,
+                usual_misfit: None,
             };
             odds.log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) })
         };

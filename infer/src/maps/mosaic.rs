@@ -7,9 +7,11 @@ mod stitcher;
 use half::f16;
 use serde::{Deserialize, Serialize};
 use tactile_data::dataset::touch::{OUTLINE_REACH_MM, Side};
+use tactile_data::pose::se2::Se2;
 
 use self::corners::Corners;
 pub use self::stitcher::Stitcher;
+use super::align::Drawing;
 use crate::embedding::precision::Precision;
 use crate::error::{Error, Result};
 
@@ -119,6 +121,16 @@ impl Mosaics {
         let n = pegs.first().map_or(0, |part| part.n);
         let shape = [1 + usize::from(holes.is_some()), pegs.len(), n, n, N_VALUES];
         Self::new(shape, pegs.iter().chain(holes.unwrap_or_default()).flat_map(Stitcher::values).collect())
+    }
+
+    /// The map of the touches of one part, about its origin; `None` without touches, or where they reach nowhere.
+    pub fn of_touches(touches: &[Drawing<'_>], part_from_first: &Se2) -> Option<Self> {
+        let view_mm = touches.first()?.map.view_mm;
+        let poses: Vec<Se2> = touches.iter().map(|touch| *part_from_first * touch.first_from_sensor).collect();
+        let farthest = poses.iter().map(|pose| pose.x_mm.abs().max(pose.y_mm.abs())).fold(0.0, f64::max);
+        let mut stitcher = Stitcher::around(farthest, view_mm);
+        touches.iter().zip(&poses).for_each(|(touch, pose)| stitcher.add(touch.map, pose));
+        Self::stitched(&[stitcher], None).ok()
     }
 
     /// From values `[n_sides, n_parts, n, n, N_VALUES]`, pegs before holes, which are rounded to f16, as a file keeps them.
@@ -296,6 +308,11 @@ impl<'a> Mosaic<'a> {
             }
         }
         (n > 0.0).then_some(sum / n)
+    }
+
+    /// How far the maps of touches, stitched, are from it ([`Self::misfit`]); `None` without touches, too.
+    pub fn misfit_of(&self, touches: &[Drawing<'_>], part_from_first: &Se2, strain: f64) -> Option<f64> {
+        Mosaics::of_touches(touches, part_from_first)?.of(0, self.side).misfit(self, strain)
     }
 
     /// The distance at a place and how it changes.
