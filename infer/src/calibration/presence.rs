@@ -1,7 +1,7 @@
 //! Whether the part that is named is there at all, against a stranger: a part that the bank does not hold.
 //!
 //! For `n` touches with an edge, whose fit is `F` standard deviations and of which a verifier says `V`, where it says `E`
-//! of as many that were made on the part, by which the part's size is known to `K` nats and off by `S`, whose maps together are off by `D`,
+//! of as many that were made on the part, by which the part's size is known to `K` nats and off by `S`, whose maps together are off by `D` more than usual,
 //! and which showed a share `c` of its outline, the log-odds that the named part is there, before which a stranger was as likely, are
 //!
 //! ```text
@@ -92,7 +92,7 @@ pub struct Verified {
     /// How the part that was touched differs in size, where that was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strain: Option<Strain>,
-    /// How far all touches, stitched, are from the part's map, mean square in errors, where the bank has a map of the side that is touched
+    /// How far all touches, stitched, are from the part's map, mean square in errors, where that was asked for
     /// ([`Mosaic::misfit`](crate::maps::mosaic::Mosaic::misfit)).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<f64>,
@@ -205,7 +205,7 @@ pub struct PresenceOdds {
     /// What one that is off adds, a share of its nats.
     #[serde(default)]
     pub by_strain: f64,
-    /// What maps that are off add, a share of their nats; 0 where the bank has no map of the side that is touched.
+    /// What maps that are off add, a share of their nats; 0 where it was not fitted.
     #[serde(default)]
     pub by_misfit: f64,
     /// Against a stranger that shares what was felt; `None` where nobody knows how much of the outline that is.
@@ -421,6 +421,22 @@ mod tests {
         };
         // Twice as far off, and half; a misfit whose logarithm is none, and none that was asked for.
         let two = 2.0_f64.ln();
+        let known = Verified {
+            log_odds: 10.0,
+            n_new: 4.0,
+            expected: None,
+            outline_mm: [0.0; 2],
+            strain: None,
+            misfit: Some(1.9),
+            usual_misfit: Some(two),
+        };
+        // As far off as usual of that part, and as usual of all.
+        let all = PresenceOdds { usual_misfit: two, ..odds() };
+        let unknown = Verified { usual_misfit: None, ..known };
+        for (odds, verified) in [(odds(), known), (all, unknown)] {
+            let felt = Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) };
+            assert!((odds.log_odds(&felt) - 5.0).abs() < 1e-9);
+        }
         for (misfit, expected) in
             [(Some(1.9), 5.0 - 0.5 * two), (Some(0.4), 5.0 + 0.5 * two), (Some(0.9), 5.0), (None, 5.0)]
         {
