@@ -344,20 +344,22 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
         (known.strain.mean - shared).abs() < 1e-12 && (known.strain.information - informed).abs() < 1e-6,
         "{known:?}"
     );
-    // It is taken off, and half of what is said; what is felt stays.
+    // It is taken off, and half of what is said; what is felt stays, but for how far off it is.
     let sensor = SensorMatch { verifier: known.verifier, strain: known.strain, n_holes: 1, ..SensorMatch::default() };
     let [none, learnt] = [SensorMatch { n_holes: 1, ..SensorMatch::default() }, sensor].map(|sensor| {
         let found =
             Episode::begin(eager.with_sensor(sensor), bank.clone(), &touch(Se2::IDENTITY, 4)).unwrap().estimate();
-        assert_eq!(found.verified, Some(verified));
+        assert_eq!(found.verified.map(|felt| Verified { misfit: verified.misfit, ..felt }), Some(verified));
         let felt = Felt { fit: found.fit.unwrap(), n_fitted: found.n_fitted, verified: found.verified };
         (felt, found.presence.unwrap().log_odds)
     });
     assert!((odds.log_odds(&none.0) - none.1).abs() < 1e-9);
+    let felt = learnt.0.verified.unwrap();
+    assert!(none.0.verified == Some(verified) && felt.misfit < verified.misfit, "{felt:?} {verified:?}");
     let less = Verified {
         log_odds: verified.log_odds - 0.5 * known.verifier.nats,
         strain: Some(seems.without(known.strain.mean)),
-        ..verified
+        ..felt
     };
     assert!((odds.log_odds(&Felt { verified: Some(less), ..learnt.0 }) - learnt.1).abs() < 1e-9);
 }
