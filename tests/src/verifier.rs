@@ -340,10 +340,8 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
     let ([x, y, _], [[xx, xy, _], [_, yy, _], _]) = (seems.mean, seems.covariance);
     let informed = 4.0 / (xx + 2.0 * xy + yy);
     let shared = 0.5 * (x + y) * informed / (informed + 0.02_f64.powi(-2));
-    assert!(
-        (known.strain.mean - shared).abs() < 1e-12 && (known.strain.information - informed).abs() < 1e-6,
-        "{known:?}"
-    );
+    let learnt = known.strain;
+    assert!((learnt.mean - shared).abs() < 1e-12 && (learnt.information - informed).abs() < 1e-6, "{known:?}");
     // It is taken off, and half of what is said; what is felt stays, but for how far off it is.
     let sensor = SensorMatch { verifier: known.verifier, strain: known.strain, n_holes: 1, ..SensorMatch::default() };
     let [none, learnt] = [SensorMatch { n_holes: 1, ..SensorMatch::default() }, sensor].map(|sensor| {
