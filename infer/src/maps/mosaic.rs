@@ -300,8 +300,10 @@ impl<'a> Mosaic<'a> {
         let (mut sum, mut n) = (0.0, 0.0);
         for (column, row) in (0..self.n * self.n).map(|at| (at % self.n, at / self.n)) {
             let (place_mm, here) = self.cell(column, row);
-            let unstrained = place_mm.map(|mm| (1.0 - strain) * mm);
-            let Some(there) = other.at(unstrained).filter(|_| here.n_seen > 0.0) else { continue };
+            if here.n_seen == 0.0 {
+                continue;
+            }
+            let Some(there) = other.at(place_mm.map(|mm| (1.0 - strain) * mm)) else { continue };
             if here.distance_mm.abs().min(there.distance_mm.abs()) < NEAR_MM {
                 let off = (here.distance_mm - there.distance_mm) / here.error_mm.hypot(there.error_mm);
                 (sum, n) = (sum + f64::from(off * off), n + 1.0);
