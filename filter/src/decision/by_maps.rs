@@ -55,9 +55,7 @@ impl<'a> Asked<'a> {
                 n_new: edged().map(|touch| touch.new_share).sum(),
                 expected: self.bank.expected().and_then(|expected| expected.of(part, self.side())),
                 outline_mm: outline_mm(&mosaic, &drawings, &part_from_first),
-                strain: None,
-                misfit: None,
-                usual_misfit: None,
+                ..Verified::default()
             }
         });
         Some(Laid { part_from_first, hill, verified })
@@ -73,9 +71,9 @@ impl<'a> Asked<'a> {
             return placed;
         };
         let (drawn, mosaic) = (self.drawn(), mosaics.of(part, side));
-        let of =
-            |of: &dyn Fn(&&Drawn<'_>) -> bool| drawn.iter().filter(of).map(|touch| touch.drawing).collect::<Vec<_>>();
-        let (all, edged) = (of(&|_| true), of(&|touch| !touch.is_blank));
+        let all: Vec<Drawing<'_>> = drawn.iter().map(|touch| touch.drawing).collect();
+        let edged = drawn.iter().filter(|touch| !touch.is_blank).map(|touch| touch.drawing);
+        let edged: Vec<Drawing<'_>> = edged.collect();
         let strain = Strain::of(&edged, &mosaic, &placed.part_from_first);
         let verified = Verified {
             strain: Some(usual.map_or(strain, |usual| strain.against(&usual))),

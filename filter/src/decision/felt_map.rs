@@ -4,7 +4,6 @@
 
 use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Frame;
-use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::maps::align::Drawing;
 use tactile_infer::maps::mosaic::{Difference, Mosaic, Mosaics};
@@ -49,16 +48,11 @@ impl Asked<'_> {
     /// The maps of the touches stitched at their estimated poses; `None` where none was drawn, or they reach nowhere.
     pub(crate) fn felt_map(self) -> Option<FeltMap> {
         let Candidates { part, placed, .. } = *self.candidates();
-        let mosaics = self.stitched(&placed.part_from_first)?;
+        let drawings: Vec<Drawing<'_>> = self.drawn().iter().map(|touch| touch.drawing).collect();
+        let mosaics = Mosaics::of_touches(&drawings, &placed.part_from_first)?;
         let side = self.side();
         let of_part = self.bank.mosaics().map(|mosaics| mosaics.of(part, side));
         let difference = of_part.map(|of_part| mosaics.of(0, side).difference(&of_part));
         Some(FeltMap { part: self.bank.parts()[part].clone(), side, mosaics, difference })
-    }
-
-    /// The maps of the touches, stitched about the origin of a part that would be there.
-    fn stitched(self, part_from_first: &Se2) -> Option<Mosaics> {
-        let drawings: Vec<Drawing<'_>> = self.drawn().iter().map(|touch| touch.drawing).collect();
-        Mosaics::of_touches(&drawings, part_from_first)
     }
 }

@@ -66,15 +66,7 @@ mod tests {
 
     fn said(mean: f64, n_new: f64) -> Verified {
         let expected = Some(Spread { mean: 5.0, sd: 2.0 });
-        Verified {
-            log_odds: n_new * (5.0 + mean),
-            n_new,
-            expected,
-            outline_mm: [40.0, 10.0],
-            strain: None,
-            misfit: None,
-            usual_misfit: None,
-        }
+        Verified { log_odds: n_new * (5.0 + mean), n_new, expected, outline_mm: [40.0, 10.0], ..Verified::default() }
     }
 
     /// The posterior on a grid of offsets, from the density of each hole's mean.

@@ -77,7 +77,7 @@ impl Tail {
 }
 
 /// What a verifier says of touches where a part would be.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Verified {
     /// The sum of their log-odds, each as much as it is new, nats.
@@ -345,15 +345,7 @@ mod tests {
     #[test]
     fn rates_are_those_of_tails_and_grow_with_the_bank() {
         // -0.5 + 1.25 * 2 * 0.4 + 0.75 * 4 + 0.5 * 10 / 2 - 0.25 * 4 * 2 / 2 = 5.
-        let verified = Some(Verified {
-            log_odds: 10.0,
-            n_new: 4.0,
-            expected: None,
-            outline_mm: [0.0; 2],
-            strain: None,
-            misfit: None,
-            usual_misfit: None,
-        });
+        let verified = Some(Verified { log_odds: 10.0, n_new: 4.0, ..Verified::default() });
         let felt = Felt { fit: 0.4, n_fitted: 4, verified };
         let found = odds().presence(&felt, 12);
         assert!((found.log_odds - 5.0).abs() < 1e-12);
@@ -370,10 +362,7 @@ mod tests {
 
     #[test]
     fn a_verifier_is_judged_by_what_it_says_of_the_parts_own_touches() {
-        let of = |log_odds, n_new, expected| {
-            Verified { log_odds, n_new, expected, outline_mm: [0.0; 2], strain: None, misfit: None, usual_misfit: None }
-                .values(2.0)
-        };
+        let of = |log_odds, n_new, expected| Verified { log_odds, n_new, expected, ..Verified::default() }.values(2.0);
         let socket = Some(Spread { mean: -1.0, sd: 3.0 });
         assert_eq!([of(8.0, 4.0, None), of(-4.0, 4.0, socket)], [[4.0, 4.0], [-2.0, -2.0]]);
         // Blank touches alone: what speaks against the part counts as of one touch.
@@ -385,15 +374,7 @@ mod tests {
         let (sd, mm) = (0.01_f64, 10.0);
         let covariance = [[sd * sd, 0.0, 0.0], [0.0, sd * sd, 0.0], [0.0, 0.0, sd * sd]];
         let of = |mean| {
-            let verified = Verified {
-                log_odds: 10.0,
-                n_new: 4.0,
-                expected: None,
-                outline_mm: [4.0 * mm, 0.0],
-                strain: None,
-                misfit: None,
-                usual_misfit: None,
-            };
+            let verified = Verified { log_odds: 10.0, n_new: 4.0, outline_mm: [4.0 * mm, 0.0], ..Verified::default() };
             let strain = Some(Strain { mean, covariance });
             odds().log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(Verified { strain, ..verified }) })
         };
@@ -408,28 +389,13 @@ mod tests {
     #[test]
     fn maps_that_are_off_speak_against_the_part_by_their_powers() {
         let of = |misfit| {
-            let verified = Verified {
-                log_odds: 10.0,
-                n_new: 4.0,
-                expected: None,
-                outline_mm: [0.0; 2],
-                strain: None,
-                misfit,
-                usual_misfit: None,
-            };
+            let verified = Verified { log_odds: 10.0, n_new: 4.0, misfit, ..Verified::default() };
             odds().log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) })
         };
         // Twice as far off, and half; a misfit whose logarithm is none, and none that was asked for.
         let two = 2.0_f64.ln();
-        let known = Verified {
-            log_odds: 10.0,
-            n_new: 4.0,
-            expected: None,
-            outline_mm: [0.0; 2],
-            strain: None,
-            misfit: Some(1.9),
-            usual_misfit: Some(two),
-        };
+        let known =
+            Verified { log_odds: 10.0, n_new: 4.0, misfit: Some(1.9), usual_misfit: Some(two), ..Verified::default() };
         // As far off as usual of that part, and as usual of all.
         let all = PresenceOdds { usual_misfit: two, ..odds() };
         let unknown = Verified { usual_misfit: None, ..known };
@@ -448,15 +414,7 @@ mod tests {
     fn what_was_not_felt_bounds_how_sure_it_is() {
         let odds = PresenceOdds { shared: Some(Shared { offset: 0.5, by_felt: 3.0 }), ..odds() };
         let felt = |felt_mm: f64| {
-            let verified = Verified {
-                log_odds: 10.0,
-                n_new: 4.0,
-                expected: None,
-                outline_mm: [40.0, felt_mm],
-                strain: None,
-                misfit: None,
-                usual_misfit: None,
-            };
+            let verified = Verified { log_odds: 10.0, n_new: 4.0, outline_mm: [40.0, felt_mm], ..Verified::default() };
             odds.log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) })
         };
         // 5 as without; three times the logarithm of 4 where a quarter is left.

@@ -8,7 +8,7 @@ use super::mosaic::Mosaic;
 use super::strain::Strain;
 use crate::calibration::presence::misfit_nats;
 
-/// How a part seems to differ in size from its own map: what holes read unlike pegs is no other size.
+/// How a part seems to differ from its own map: what holes read unlike pegs is no other size and no other shape.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct UsualStrain {
@@ -29,15 +29,14 @@ impl UsualStrain {
     pub fn of(touches: &[Drawing<'_>], mosaic: &Mosaic<'_>) -> Self {
         let mean = Strain::of(touches, mosaic, &Se2::IDENTITY).mean;
         let n_groups = (touches.len() / A_FEW).max(1);
-        let group =
-            |group: usize| -> Vec<Drawing<'_>> { touches.iter().skip(group).step_by(n_groups).copied().collect() };
-        let far = |at: usize| {
-            Strain::of(&group(at), mosaic, &Se2::IDENTITY).against(&Self { mean, times: 1.0, misfit: None }).squared()
-        };
-        let times = (0..n_groups).map(far).sum::<f64>() / (3 * n_groups) as f64;
-        let misfits: Vec<f64> =
-            (0..n_groups).filter_map(|at| mosaic.misfit_of(&group(at), &Se2::IDENTITY, 0.0)).collect();
-        let misfit = misfits.iter().copied().map(misfit_nats).sum::<f64>() / misfits.len() as f64;
+        let group = |at: usize| -> Vec<Drawing<'_>> { touches.iter().skip(at).step_by(n_groups).copied().collect() };
+        let groups: Vec<Vec<Drawing<'_>>> = (0..n_groups).map(group).collect();
+        let all = Self { mean, times: 1.0, misfit: None };
+        let far = |few: &Vec<Drawing<'_>>| Strain::of(few, mosaic, &Se2::IDENTITY).against(&all).squared();
+        let times = groups.iter().map(far).sum::<f64>() / (3 * n_groups) as f64;
+        let misfits = groups.iter().filter_map(|few| mosaic.misfit_of(few, &Se2::IDENTITY, 0.0));
+        let misfits: Vec<f64> = misfits.map(misfit_nats).collect();
+        let misfit = misfits.iter().sum::<f64>() / misfits.len() as f64;
         Self { mean, times, misfit: Some(misfit).filter(|misfit| misfit.is_finite()) }
     }
 
