@@ -189,8 +189,8 @@ impl Episode {
     /// What is known of the sensor with this hole, where it is named with confidence now; else as it was. Give it to the next
     /// episode of the run ([`EpisodeConfig::sensor`]), as long as gel and camera stay.
     pub fn learn(&self) -> SensorMatch {
-        let (sensor, usual) = (self.config.sensor, self.bank.presence(self.side()).map(|odds| odds.usual));
-        self.asked().confident().map_or(sensor, |placed| sensor.with_hole(&self.config.model, &placed, usual))
+        let (sensor, odds) = (self.config.sensor, self.bank.presence(self.side()));
+        self.asked().confident().map_or(sensor, |placed| sensor.with_hole(&self.config.model, &placed, odds))
     }
 
     /// What the touches so far show of what they were made on, about the named part's origin; `None` where the model draws no maps.

@@ -99,7 +99,10 @@ numbers! {
             Measured: "`tactile-infer calibrate --maps`; else (2 / 4)^2, MAZE parts 0 to 11, six drawn sensors"; "a run learns it too late";
         /// How much larger along both axes parts seem under this sensor than under a simulated one.
         sensor_strain: f64 = 0.0, "", Range::ANY,
-            Measured: "`tactile-infer calibrate --maps`"; "parts that are pressed deeper than the bank's are refused";
+            Measured: "`tactile-infer calibrate --maps`; else the confident holes of a run tell it"; "parts that are pressed deeper than the bank's are refused";
+        /// How much farther off than usual their maps are under this sensor.
+        sensor_misfit: f64 = 0.0, "nats", Range::ANY,
+            Measured: "`tactile-infer calibrate --maps`; else the confident holes of a run tell it"; "parts that are pressed deeper than the bank's are refused";
         /// An estimate warns where no edged touch reached this cosine with any recorded view.
         low_similarity: f32 = 0.8, "cosine", Range::COSINE,
             Measured: "calibration: what 99 in 100 touches reach; without one, T small, and real presses with a bank of A to L";
@@ -153,10 +156,11 @@ impl TouchModel {
         let maps = model.maps().map(Maps::sha256);
         let of_verifier =
             calibration.verifier.as_ref().filter(|of| maps.is_some_and(|sha256| **sha256 == *of.maps_sha256));
-        if let Some(OfVerifier { nats, n_touches, strain, .. }) = of_verifier {
+        if let Some(OfVerifier { nats, n_touches, strain, misfit, .. }) = of_verifier {
             let known = of_model.verifier_touches + *n_touches as f64;
             of_model.verifier_offset = nats * *n_touches as f64 / known;
             of_model.sensor_strain = *strain;
+            of_model.sensor_misfit = *misfit;
             of_model.verifier_touches = (known.recip() + CHOSEN).recip();
         }
         let default = Spread { mean: of_model.matched_mean, sd: of_model.matched_sd };

@@ -69,6 +69,9 @@ pub struct OfVerifier {
     /// How much larger along both axes parts seem than under a simulated sensor, 0.01 for a hundredth.
     #[serde(default)]
     pub strain: f64,
+    /// How much farther their maps are off than usual, nats ([`presence::misfit_nats`]).
+    #[serde(default)]
+    pub misfit: f64,
 }
 
 impl Calibration {

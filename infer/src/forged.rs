@@ -33,7 +33,7 @@ const CALIBRATION: Calibration = Calibration {
     between_sensors: Some(0.01),
     steepness: Some(0.8),
     views: Views::Pegs,
-    verifier: Some(OfVerifier { maps_sha256: String::new(), nats: -1.5, n_touches: 10, strain: 0.25 }),
+    verifier: Some(OfVerifier { maps_sha256: String::new(), nats: -1.5, n_touches: 10, strain: 0.25, misfit: 0.5 }),
     prior: Some(Prior {
         n_touches: 100.0,
         low_similarity: 0.7,

@@ -342,8 +342,11 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
     let shared = 0.5 * (x + y) * informed / (informed + 0.02_f64.powi(-2));
     let learnt = known.strain;
     assert!((learnt.mean - shared).abs() < 1e-12 && (learnt.information - informed).abs() < 1e-6, "{known:?}");
-    // It is taken off, and half of what is said; what is felt stays, but for how far off it is.
-    let sensor = SensorMatch { verifier: known.verifier, strain: known.strain, n_holes: 1, ..SensorMatch::default() };
+    // So is how far off its maps are: of sensors that differ by 0.5 nats where a part varies by 0.4.
+    let off = verified.misfit_nats(odds.usual_misfit);
+    assert!((known.misfit.mean - off * 0.25 / (0.25 + 0.16)).abs() < 1e-12, "{known:?} {verified:?}");
+    // Both are taken off, and half of what is said; what is felt stays, but for how far off it is.
+    let sensor = SensorMatch { n_holes: 1, offset: 0.0, weight: 0.0, squares: 0.0, ..known };
     let [none, learnt] = [SensorMatch { n_holes: 1, ..SensorMatch::default() }, sensor].map(|sensor| {
         let found =
             Episode::begin(eager.with_sensor(sensor), bank.clone(), &touch(Se2::IDENTITY, 4)).unwrap().estimate();
@@ -357,7 +360,7 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
     let less = Verified {
         log_odds: verified.log_odds - 0.5 * known.verifier.nats,
         strain: Some(seems.without(known.strain.mean)),
-        ..felt
+        ..felt.with_misfit_less(known.misfit.mean)
     };
     assert!((odds.log_odds(&Felt { verified: Some(less), ..learnt.0 }) - learnt.1).abs() < 1e-9);
 }
@@ -520,15 +523,15 @@ fn known_touches_tell_what_a_verifier_says_of_a_sensor() {
         let said = calibrate("two.bank", holes, &["--maps", &maps, "--out", "own.safetensors"]);
         let said: Value = serde_json::from_str(said.done()).unwrap();
         let of = |name: &str| said["verifier"][name].as_f64().unwrap();
-        (of("nats"), of("n_touches"), of("strain"))
+        [of("nats"), of("n_touches"), of("strain"), of("misfit")]
     };
     // What was expected of this sensor by 64 other touches: within three standard errors, where one varies by 2 nats.
-    let (nats, n, strain) = measured("usual");
+    let [nats, n, strain, misfit] = measured("usual");
     assert!(n >= 16.0 && nats.abs() < 3.0 * 2.0 * (1.0 / n + 1.0 / 64.0_f64).sqrt(), "{nats} of {n}");
-    assert!(strain.abs() < 0.02, "{strain}");
+    assert!(strain.abs() < 0.02 && misfit.abs() < 0.3, "{strain} {misfit}");
     // Pressed deeper than the bank's pegs, whose outlines seem farther out.
-    let (nats, n, strain) = measured("other");
-    assert!(nats < -3.0 && strain > 0.01, "{nats} of {n}, {strain}");
+    let [nats, n, strain, misfit] = measured("other");
+    assert!(nats < -3.0 && strain > 0.01 && misfit > 0.6, "{nats} of {n}, {strain} {misfit}");
     // It counts where the same networks judge, and nowhere else.
     let own = || Model::load(&at.join("own.safetensors")).unwrap();
     let with_maps = own().with_maps(Maps::load(maps.as_ref()).unwrap()).unwrap();
@@ -537,7 +540,9 @@ fn known_touches_tell_what_a_verifier_says_of_a_sensor() {
     assert!((judged.verifier_offset - nats * n / (n + 0.25)).abs() < 1e-9, "{judged:?}");
     assert!((judged.verifier_touches - 1.0 / (1.0 / (n + 0.25) + 0.5)).abs() < 1e-9);
     assert_eq!((plain.sensor_strain, judged.sensor_strain), (0.0, strain));
-    assert_eq!(TouchModel { verifier_offset: 0.0, verifier_touches: 0.25, sensor_strain: 0.0, ..judged }, plain);
+    assert_eq!((plain.sensor_misfit, judged.sensor_misfit), (0.0, misfit));
+    let unjudged = TouchModel { sensor_strain: 0.0, sensor_misfit: 0.0, ..judged };
+    assert_eq!(TouchModel { verifier_offset: 0.0, verifier_touches: 0.25, ..unjudged }, plain);
     // Several sensors tell what is for any: no offset.
     let two = calibrate("two.bank", "usual", &["--holes", "other", "--maps", &maps, "--out", "two.safetensors"]);
     assert_eq!(serde_json::from_str::<Value>(two.done()).unwrap()["verifier"], Value::Null);

@@ -6,7 +6,7 @@ use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Frame;
 use tactile_infer::Bank;
 use tactile_infer::maps::align::Drawing;
-use tactile_infer::maps::mosaic::{Difference, Mosaic, Mosaics};
+use tactile_infer::maps::mosaic::{Difference, Mosaic, Mosaics, Stitcher};
 use tactile_infer::maps::picture::compared;
 
 use crate::decision::candidates::Candidates;
@@ -49,7 +49,7 @@ impl Asked<'_> {
     pub(crate) fn felt_map(self) -> Option<FeltMap> {
         let Candidates { part, placed, .. } = *self.candidates();
         let drawings: Vec<Drawing<'_>> = self.drawn().iter().map(|touch| touch.drawing).collect();
-        let mosaics = Mosaics::of_touches(&drawings, &placed.part_from_first)?;
+        let mosaics = Mosaics::stitched(&[Stitcher::of_touches(&drawings, &placed.part_from_first)?], None).ok()?;
         let side = self.side();
         let of_part = self.bank.mosaics().map(|mosaics| mosaics.of(part, side));
         let difference = of_part.map(|of_part| mosaics.of(0, side).difference(&of_part));

@@ -6,8 +6,9 @@
 //! value: it goes into [`EpisodeConfig::sensor`](crate::EpisodeConfig) and comes out of [`Episode::learn`](crate::Episode::learn).
 
 use serde::{Deserialize, Serialize};
-use tactile_infer::calibration::presence::Verified;
-use tactile_infer::maps::sensor_strain::SensorStrain;
+use tactile_infer::calibration::presence::{PresenceOdds, Verified};
+use tactile_infer::maps::sensor_offset::SensorOffset;
+use tactile_infer::maps::strain::Strain;
 
 use crate::decision::{Placed, VerifierOffset};
 use crate::error::{Error, Result};
@@ -39,8 +40,11 @@ pub struct SensorMatch {
     #[serde(skip_serializing_if = "VerifierOffset::is_none")]
     pub verifier: VerifierOffset,
     /// How much larger parts seem than [`TouchModel::sensor_strain`] has it, where there are maps.
-    #[serde(skip_serializing_if = "SensorStrain::is_none")]
-    pub strain: SensorStrain,
+    #[serde(skip_serializing_if = "SensorOffset::is_none")]
+    pub strain: SensorOffset,
+    /// How much farther off than usual their maps are than [`TouchModel::sensor_misfit`] has it, nats.
+    #[serde(skip_serializing_if = "SensorOffset::is_none")]
+    pub misfit: SensorOffset,
 }
 
 /// The mean of the standard scores of a hole's edged touches, and how many they are.
@@ -88,15 +92,20 @@ impl SensorMatch {
         of_one * (independent(n as f64).recip() + (prior.weight + self.weight).recip())
     }
 
-    /// With what one more confident hole tells, where the part that it is was found. `usual`: what a verifier says of a touch on a part
-    /// that the bank does not know; `None` without one.
-    pub(crate) fn with_hole(&self, model: &TouchModel, placed: &Placed, usual: Option<f64>) -> Self {
+    /// With what one more confident hole tells, where the part that it is was found. `odds`: what a verifier's words are worth; `None`
+    /// without one.
+    pub(crate) fn with_hole(&self, model: &TouchModel, placed: &Placed, odds: Option<&PresenceOdds>) -> Self {
         let Some(scores) = placed.scores else { return *self };
-        let said = placed.verified.zip(usual);
-        let verifier = said.map_or(self.verifier, |(verified, usual)| self.verifier.with(model, &verified, usual));
-        let seems = placed.verified.and_then(|verified| verified.strain);
-        let strain = seems.map_or(self.strain, |seems| self.strain.with(&seems.without(model.sensor_strain)));
-        Self { verifier, strain, ..self.with(model, scores) }
+        let of_scores = self.with(model, scores);
+        let Some((verified, odds)) = placed.verified.zip(odds) else { return of_scores };
+        let strain = |seems: Strain| self.strain.with_strain(&seems.without(model.sensor_strain));
+        let off = verified.misfit.is_some().then(|| verified.misfit_nats(odds.usual_misfit) - model.sensor_misfit);
+        Self {
+            verifier: self.verifier.with(model, &verified, odds.usual),
+            strain: verified.strain.map_or(self.strain, strain),
+            misfit: off.map_or(self.misfit, |nats| self.misfit.with_misfit(nats)),
+            ..of_scores
+        }
     }
 
     /// How much larger parts seem under this sensor, 1 for twice as long.
@@ -104,9 +113,10 @@ impl SensorMatch {
         model.sensor_strain + self.strain.mean
     }
 
-    /// What a verifier says, and the strain, less what is this sensor's.
+    /// What a verifier says, the strain and the misfit, less what is this sensor's.
     pub(crate) fn taken_off(&self, model: &TouchModel, verified: Verified) -> Verified {
         let strain = verified.strain.map(|strain| strain.without(self.strain(model)));
+        let verified = verified.with_misfit_less(model.sensor_misfit + self.misfit.mean);
         self.verifier.taken_off(model, Verified { strain, ..verified })
     }
 
@@ -129,7 +139,7 @@ impl SensorMatch {
     pub(crate) fn validate(&self) -> Result<()> {
         let is_told =
             self.offset.abs() < 1e6 && (0.0..1e12).contains(&self.weight) && (0.0..1e12).contains(&self.squares);
-        let is_told = is_told && self.verifier.is_valid() && self.strain.is_possible();
+        let is_told = is_told && self.verifier.is_valid() && self.strain.is_possible() && self.misfit.is_possible();
         let is_none = self.n_holes > 0 || *self == Self::default();
         if is_told && is_none {
             return Ok(());
@@ -208,7 +218,7 @@ mod tests {
             SensorMatch { squares: -1.0, n_holes: 1, ..SensorMatch::default() },
             SensorMatch { offset: 1.0, ..SensorMatch::default() },
             SensorMatch { n_holes: 1, verifier: VerifierOffset { nats: -2.0, weight: 0.0 }, ..SensorMatch::default() },
-            SensorMatch { n_holes: 1, strain: SensorStrain { mean: 0.1, information: 0.0 }, ..SensorMatch::default() },
+            SensorMatch { n_holes: 1, strain: SensorOffset { mean: 0.1, information: 0.0 }, ..SensorMatch::default() },
         ] {
             let error = sensor.validate().unwrap_err().to_string();
             assert!(error.starts_with("episode.sensor: expected numbers that Episode::learn returned"), "{error}");

@@ -124,6 +124,13 @@ impl Verified {
         self.strain.map_or([0.0; 2], |strain| [strain.known_nats(side_mm), strain.off_nats()])
     }
 
+    /// The same with maps that are so much less off, nats: what is a sensor's.
+    #[must_use]
+    pub fn with_misfit_less(self, nats: f64) -> Self {
+        let less = |misfit: f64| (misfit + LEAST_MISFIT) * (-nats).exp() - LEAST_MISFIT;
+        Self { misfit: self.misfit.map(less), ..self }
+    }
+
     /// How far the maps are off beyond what is usual, nats; 0 where that was not asked for. `usual`: what is, of a part that the bank does
     /// not know.
     pub fn misfit_nats(&self, usual: f64) -> f64 {
@@ -403,6 +410,11 @@ mod tests {
             let felt = Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) };
             assert!((odds.log_odds(&felt) - 5.0).abs() < 1e-9);
         }
+        // What is a sensor's: twice as far off as usual.
+        let felt = |verified| odds().log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) });
+        let deeper = Verified { misfit: Some(3.9), ..known };
+        assert!((felt(deeper) - (5.0 - 0.5 * two)).abs() < 1e-9);
+        assert!((felt(deeper.with_misfit_less(two)) - 5.0).abs() < 1e-9);
         for (misfit, expected) in
             [(Some(1.9), 5.0 - 0.5 * two), (Some(0.4), 5.0 + 0.5 * two), (Some(0.9), 5.0), (None, 5.0)]
         {

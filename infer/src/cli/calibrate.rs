@@ -205,9 +205,9 @@ fn text(calibration: &Calibration) -> String {
     if let Some(between) = between_sensors {
         text += &format!(", of it {between:.3} from sensor to sensor");
     }
-    if let Some(OfVerifier { nats, n_touches, strain, .. }) = verifier {
+    if let Some(OfVerifier { nats, n_touches, strain, misfit, .. }) = verifier {
         text += &format!(
-            "\n  the verifier says {nats:+.2} nats of each of {n_touches} touches more than of simulated ones; parts seem {:+.1} % larger",
+            "\n  the verifier says {nats:+.2} nats of each of {n_touches} touches more than of simulated ones; parts seem {:+.1} % larger, and {misfit:+.2} nats farther off",
             100.0 * strain
         );
     }

@@ -10,7 +10,7 @@ pub mod mosaic;
 #[cfg(feature = "burn")]
 pub mod network;
 pub mod picture;
-pub mod sensor_strain;
+pub mod sensor_offset;
 pub mod strain;
 pub mod usual_strain;
 pub mod verifier;

@@ -120,17 +120,7 @@ impl Mosaics {
     pub fn stitched(pegs: &[Stitcher], holes: Option<&[Stitcher]>) -> Result<Self> {
         let n = pegs.first().map_or(0, |part| part.n);
         let shape = [1 + usize::from(holes.is_some()), pegs.len(), n, n, N_VALUES];
-        Self::new(shape, pegs.iter().chain(holes.unwrap_or_default()).flat_map(Stitcher::values).collect())
-    }
-
-    /// The map of the touches of one part, about its origin; `None` without touches, or where they reach nowhere.
-    pub fn of_touches(touches: &[Drawing<'_>], part_from_first: &Se2) -> Option<Self> {
-        let view_mm = touches.first()?.map.view_mm;
-        let poses: Vec<Se2> = touches.iter().map(|touch| *part_from_first * touch.first_from_sensor).collect();
-        let farthest = poses.iter().map(|pose| pose.x_mm.abs().max(pose.y_mm.abs())).fold(0.0, f64::max);
-        let mut stitcher = Stitcher::around(farthest, view_mm);
-        touches.iter().zip(&poses).for_each(|(touch, pose)| stitcher.add(touch.map, pose));
-        Self::stitched(&[stitcher], None).ok()
+        Self::new(shape, pegs.iter().chain(holes.unwrap_or_default()).flat_map(Stitcher::cells).flatten().collect())
     }
 
     /// From values `[n_sides, n_parts, n, n, N_VALUES]`, pegs before holes, which are rounded to f16, as a file keeps them.
@@ -294,27 +284,24 @@ impl<'a> Mosaic<'a> {
         sum
     }
 
-    /// How far the distances that it shows near an outline are from those of another about the same origin, where it seems larger by this
-    /// strain: the mean square, in the errors of both; `None` where they show nothing in common.
-    pub fn misfit(&self, other: &Mosaic<'_>, strain: f64) -> Option<f64> {
+    /// How far the maps of touches, stitched, are from it near either outline, where the part seems larger by this strain: the mean square of
+    /// what their distances differ by, in the errors of both; `None` where they show nothing in common.
+    pub fn misfit(&self, touches: &Stitcher, strain: f64) -> Option<f64> {
         let (mut sum, mut n) = (0.0, 0.0);
-        for (column, row) in (0..self.n * self.n).map(|at| (at % self.n, at / self.n)) {
-            let (place_mm, here) = self.cell(column, row);
-            if here.n_seen == 0.0 {
-                continue;
-            }
-            let Some(there) = other.at(place_mm.map(|mm| (1.0 - strain) * mm)) else { continue };
+        for (at, here) in touches.cells().map(Place::of).enumerate().filter(|(_, here)| here.n_seen > 0.0) {
+            let mm = |cell| (1.0 - strain) * middle(touches.n, cell);
+            let Some(there) = self.at([mm(at % touches.n), mm(at / touches.n)]) else { continue };
             if here.distance_mm.abs().min(there.distance_mm.abs()) < NEAR_MM {
                 let off = (here.distance_mm - there.distance_mm) / here.error_mm.hypot(there.error_mm);
                 (sum, n) = (sum + f64::from(off * off), n + 1.0);
             }
         }
-        (n > 0.0).then_some(sum / n)
+        (n > 0.0).then_some(sum / n).filter(|misfit| misfit.is_finite())
     }
 
-    /// How far the maps of touches, stitched, are from it ([`Self::misfit`]); `None` without touches, too.
+    /// The same of touches where they were made; `None` without any, too.
     pub fn misfit_of(&self, touches: &[Drawing<'_>], part_from_first: &Se2, strain: f64) -> Option<f64> {
-        Mosaics::of_touches(touches, part_from_first)?.of(0, self.side).misfit(self, strain)
+        self.misfit(&Stitcher::of_touches(touches, part_from_first)?, strain)
     }
 
     /// The distance at a place and how it changes.
@@ -491,24 +478,33 @@ pub(super) mod tests {
     fn a_misfit_is_the_mean_square_near_either_outline() {
         let disc = |radius: f64| {
             let n = 60;
-            let values = (0..n * n).flat_map(|at| {
-                let mm = (middle(n, at % n).hypot(middle(n, at / n)) - radius).clamp(-3.0, 3.0);
-                [mm as f32, 0.0, 0.0, 0.05, 2.0]
-            });
-            Mosaics::new([1, 1, n, n, N_VALUES], values.collect()).unwrap()
+            let mm = |at: usize| middle(n, at % n).hypot(middle(n, at / n)) - radius;
+            let of_all = |value: f32| vec![value; n * n];
+            let map = DrawnMap {
+                size_px: [n, n],
+                view_mm: [CELL_MM * n as f64; 2],
+                distance_mm: (0..n * n).map(|at| mm(at).clamp(-3.0, 3.0) as f32).collect(),
+                error_mm: of_all(0.05),
+                inside: of_all(0.0),
+                contact: of_all(0.0),
+            };
+            let mut disc = Stitcher::new(0.5 * CELL_MM * n as f64);
+            disc.add(&map, &Se2::IDENTITY);
+            disc
         };
-        let [small, large] = [disc(5.0), disc(5.4)];
-        let found = small.of(0, Side::Peg).misfit(&large.of(0, Side::Peg), 0.0).unwrap();
+        let discs = [disc(5.0), disc(5.4)];
+        let mosaics = Mosaics::stitched(&discs, None).unwrap();
+        let [small, large] = [0, 1].map(|part| mosaics.of(part, Side::Peg));
+        let found = large.misfit(&discs[0], 0.0).unwrap();
         // 0.4 mm in errors of 0.05 each.
         let expected = (0.4 / (0.05 * 2.0_f64.sqrt())).powi(2);
         assert!((found / expected - 1.0).abs() < 0.02, "{found} {expected}");
-        assert!(small.of(0, Side::Peg).misfit(&small.of(0, Side::Peg), 0.0).unwrap() < 1e-3);
+        assert!(small.misfit(&discs[0], 0.0).unwrap() < 1e-3);
         // A disc that seems larger by what it is larger.
-        let known = large.of(0, Side::Peg).misfit(&small.of(0, Side::Peg), 1.0 - 5.0 / 5.4).unwrap();
+        let known = small.misfit(&discs[1], 1.0 - 5.0 / 5.4).unwrap();
         assert!(known < 0.1 * found, "{known} {found}");
-        let n = 10;
-        let unseen = Mosaics::new([1, 1, n, n, N_VALUES], [3.0, 0.0, 0.0, 3.0, 0.0].repeat(n * n)).unwrap();
-        assert_eq!(unseen.of(0, Side::Peg).misfit(&small.of(0, Side::Peg), 0.0), None);
+        assert_eq!(small.misfit(&Stitcher::new(3.0), 0.0), None);
+        assert_eq!(small.misfit_of(&[], &Se2::IDENTITY, 0.0), None);
     }
 
     #[test]

@@ -79,7 +79,7 @@ impl Strain {
         }
     }
 
-    /// The same beyond what is this sensor's ([`super::sensor_strain`]), of which a part may show half more or less.
+    /// The same beyond what is this sensor's ([`super::sensor_offset`]), of which a part may show half more or less.
     pub fn without(&self, sensor: f64) -> Self {
         let Self { mean: [along_x, along_y, across], mut covariance } = *self;
         let variance = (0.5 * sensor).powi(2);

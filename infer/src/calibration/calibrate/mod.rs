@@ -18,11 +18,10 @@ use crate::bank::views::Views;
 use crate::calibration::{BLANK_SHARE, Calibration, OfVerifier, Prior, Spread};
 use crate::embedding::model::Model;
 use crate::error::{Error, Result};
-use crate::maps::sensor_strain::SensorStrain;
 use sample::low_similarity;
 use sensors::Matched;
 use steepness::AmongViews;
-use verified::{Judge, Judged};
+use verified::Judge;
 
 /// Without a prior fewer holes with an edge than this say too little.
 const MIN_HOLES: usize = 50;
@@ -62,9 +61,8 @@ pub struct Touches {
     matched: Vec<Vec<f64>>,
     /// The same touches next to all views, where the model has a fitted likelihood.
     among_views: Vec<AmongViews>,
-    /// What the first sensor's touches come to, more than is expected of each, and the checksum of the networks that judge; `None` where
-    /// none does.
-    verified: Option<(String, Vec<Judged>)>,
+    /// What a verifier says of the first sensor's touches; `None` where none judged any.
+    verified: Option<OfVerifier>,
     /// What the bank's views are of.
     views: Views,
 }
@@ -91,8 +89,7 @@ impl Touches {
             verified: None,
             views: bank.views(),
         };
-        let judge = Judge::new(model, bank, side, holes.meta().field_of_view_mm());
-        found.verified = judge.as_ref().map(|judge| (judge.maps_sha256().to_owned(), Vec::new()));
+        let mut judge = Judge::new(model, bank, side, holes.meta().field_of_view_mm());
         let mut all = Vec::new();
         let odds = model.match_odds(side).or_else(|| model.match_odds(Side::Hole));
         let plain = |cosine: f32| by_cosine(bank.metric(), cosine);
@@ -122,11 +119,12 @@ impl Touches {
                 let edge_share = images[i].edge_share;
                 let of_touch = |odds| AmongViews::new((odds, side), bank, (query, edge_share), (own, &all));
                 found.among_views.extend(odds.map(of_touch));
-                if let Some((judge, (_, said))) = judge.as_ref().zip(found.verified.as_mut()) {
-                    said.extend(judge.more_than_expected(&images[i], part, &pose)?);
+                if let Some(judge) = &mut judge {
+                    judge.judge(&images[i], part, &pose)?;
                 }
             }
         }
+        found.verified = judge.and_then(|judge| judge.of_sensor());
         Ok(found)
     }
 
@@ -201,18 +199,7 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibration
         steepness,
         views: touches.views,
         n_holes: touches.len(),
-        verifier: touches.verified.as_ref().filter(|_| is_one_sensor).and_then(|(maps_sha256, said)| {
-            let (maps_sha256, n_touches) = (maps_sha256.clone(), said.len());
-            let nats: Vec<f64> = said.iter().map(|touch| touch.nats).collect();
-            let strains = said.iter().filter_map(|touch| touch.strain.as_ref());
-            let strain = strains.fold(SensorStrain::default(), |known, strain| known.with(strain)).mean;
-            (n_touches > 0).then(|| OfVerifier {
-                maps_sha256,
-                nats: Spread::from_values(&nats).mean,
-                n_touches,
-                strain,
-            })
-        }),
+        verifier: touches.verified.clone().filter(|_| is_one_sensor),
         prior: prior.copied(),
     })
 }

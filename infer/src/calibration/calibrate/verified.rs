@@ -5,27 +5,33 @@ use tactile_data::frame::TactileImage;
 use tactile_data::pose::se2::Se2;
 
 use crate::bank::Bank;
+use crate::calibration::presence::misfit_nats;
+use crate::calibration::{OfVerifier, Spread};
 use crate::embedding::model::Model;
 use crate::error::Result;
 use crate::maps::align::{Drawing, Start, align};
 use crate::maps::mosaic::Mosaics;
+use crate::maps::sensor_offset::SensorOffset;
 use crate::maps::strain::Strain;
+use crate::maps::usual_strain::UsualStrain;
 use crate::maps::verifier::{Verifier, compared};
-use crate::maps::{MapDrawer, Maps};
+use crate::maps::{DrawnMap, MapDrawer, Maps};
 
 /// How well the stated poses are known: one standard deviation, mm and degrees.
 const STATED: [f64; 2] = [0.5, 1.0];
 
 /// What a touch came to, more than touches of its part under a simulated sensor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Judged {
+struct Judged {
+    map: DrawnMap,
+    part: usize,
+    part_from_sensor: Se2,
     /// What the verifier says, nats.
-    pub(super) nats: f64,
-    /// How much larger the part seems, where the bank knows what is usual.
-    pub(super) strain: Option<Strain>,
+    nats: f64,
+    /// How the part seems to differ in size, and how far its maps are usually off, where the bank knows what is usual.
+    strain: Option<(Strain, UsualStrain)>,
 }
 
-/// Judges touches of a side by a bank's maps.
+/// Judges a sensor's touches of a side by a bank's maps.
 pub(super) struct Judge<'a> {
     drawer: &'a MapDrawer,
     verifier: &'a Verifier,
@@ -35,6 +41,7 @@ pub(super) struct Judge<'a> {
     view_mm: [f64; 2],
     /// What to expect of a touch on a part that the bank knows nothing of.
     usual: f64,
+    judged: Vec<Judged>,
 }
 
 impl<'a> Judge<'a> {
@@ -42,25 +49,43 @@ impl<'a> Judge<'a> {
     pub(super) fn new(model: &'a Model, bank: &'a Bank, side: Side, view_mm: [f64; 2]) -> Option<Self> {
         let (drawer, mosaics) = (model.maps().map(Maps::drawer)?, bank.mosaics()?);
         let (verifier, usual) = (bank.verifier()?, bank.presence(side)?.usual);
-        Some(Self { drawer, verifier, bank, mosaics, side, view_mm, usual })
+        Some(Self { drawer, verifier, bank, mosaics, side, view_mm, usual, judged: Vec::new() })
     }
 
-    pub(super) fn maps_sha256(&self) -> &str {
-        self.verifier.sha256()
-    }
-
-    /// What a touch near a pose of a part comes to there, more than is expected.
-    pub(super) fn more_than_expected(&self, image: &TactileImage, part: usize, pose: &Se2) -> Result<Vec<Judged>> {
-        let Self { drawer, verifier, bank, mosaics, side, view_mm, usual } = *self;
-        let mosaic = mosaics.of(part, side);
+    /// Judges a touch near a pose of a part.
+    pub(super) fn judge(&mut self, image: &TactileImage, part: usize, pose: &Se2) -> Result<()> {
+        let Self { drawer, verifier, bank, side, view_mm, usual, .. } = *self;
+        let mosaic = self.mosaics.of(part, side);
         let expected = bank.expected().and_then(|expected| expected.of(part, side)).map_or(usual, |spread| spread.mean);
         let usual_strain = bank.expected().and_then(|expected| expected.strain_of(part, side));
-        let judged = drawer.draw(std::slice::from_ref(image), side, view_mm)?.into_iter().map(|map| {
+        self.judged.extend(drawer.draw(std::slice::from_ref(image), side, view_mm)?.into_iter().map(|map| {
             let drawing = Drawing { map: &map, first_from_sensor: Se2::IDENTITY };
-            let found = align(&[drawing], &mosaic, &Start::known_to(*pose, STATED)).part_from_first;
-            let strain = usual_strain.map(|usual| Strain::of(&[drawing], &mosaic, &found).against(&usual));
-            Judged { nats: verifier.log_odds(&compared((&map, side), &mosaic, &found)) - expected, strain }
+            let part_from_sensor = align(&[drawing], &mosaic, &Start::known_to(*pose, STATED)).part_from_first;
+            let strain =
+                usual_strain.map(|usual| (Strain::of(&[drawing], &mosaic, &part_from_sensor).against(&usual), usual));
+            let nats = verifier.log_odds(&compared((&map, side), &mosaic, &part_from_sensor)) - expected;
+            Judged { map, part, part_from_sensor, nats, strain }
+        }));
+        Ok(())
+    }
+
+    /// What all the touches show of the sensor; `None` without any.
+    pub(super) fn of_sensor(&self) -> Option<OfVerifier> {
+        let nats: Vec<f64> = self.judged.iter().map(|touch| touch.nats).collect();
+        let strains = self.judged.iter().filter_map(|touch| touch.strain.as_ref());
+        let strain = strains.fold(SensorOffset::default(), |known, (strain, _)| known.with_strain(strain)).mean;
+        let misfits = self.judged.iter().filter_map(|Judged { map, part, part_from_sensor, strain: known, .. }| {
+            let usual = known.as_ref().and_then(|(_, usual)| usual.misfit)?;
+            let drawing = Drawing { map, first_from_sensor: Se2::IDENTITY };
+            let misfit = self.mosaics.of(*part, self.side).misfit_of(&[drawing], part_from_sensor, strain)?;
+            Some(misfit_nats(misfit) - usual)
         });
-        Ok(judged.collect())
+        (!nats.is_empty()).then(|| OfVerifier {
+            maps_sha256: self.verifier.sha256().to_owned(),
+            nats: Spread::from_values(&nats).mean,
+            n_touches: nats.len(),
+            strain,
+            misfit: misfits.fold(SensorOffset::default(), |known, nats| known.with_misfit(nats)).mean,
+        })
     }
 }

@@ -4,8 +4,9 @@ use tactile_data::dataset::touch::OUTLINE_REACH_MM;
 use tactile_data::pose::se2::Se2;
 
 use super::corners::Corners;
-use super::{CELL_MM, MOST_CELLS, middle};
+use super::{CELL_MM, Cell, MOST_CELLS, middle};
 use crate::maps::DrawnMap;
+use crate::maps::align::Drawing;
 
 /// Lays the maps of a part's touches over each other.
 #[derive(Clone, Debug)]
@@ -35,6 +36,16 @@ impl Stitcher {
     pub fn new(half_mm: f64) -> Self {
         let n = (2.0 * half_mm / CELL_MM).ceil().clamp(2.0, MOST_CELLS as f64) as usize;
         Self { n, sums: vec![Sums::default(); n * n] }
+    }
+
+    /// Touches of one part, laid at its pose; `None` without any.
+    pub fn of_touches(touches: &[Drawing<'_>], part_from_first: &Se2) -> Option<Self> {
+        let view_mm = touches.first()?.map.view_mm;
+        let poses: Vec<Se2> = touches.iter().map(|touch| *part_from_first * touch.first_from_sensor).collect();
+        let farthest = poses.iter().map(|pose| pose.x_mm.abs().max(pose.y_mm.abs())).fold(0.0, f64::max);
+        let mut stitcher = Self::around(farthest, view_mm);
+        touches.iter().zip(&poses).for_each(|(touch, pose)| stitcher.add(touch.map, pose));
+        Some(stitcher)
     }
 
     /// Adds a touch: its map, and where it was made.
@@ -70,9 +81,9 @@ impl Stitcher {
         }
     }
 
-    /// `[n, n, N_VALUES]`.
-    pub(super) fn values(&self) -> impl Iterator<Item = f32> {
-        self.sums.iter().flat_map(|sum| {
+    /// `[n, n]`.
+    pub(super) fn cells(&self) -> impl Iterator<Item = Cell> {
+        self.sums.iter().map(|sum| {
             if sum.n == 0.0 {
                 return [OUTLINE_REACH_MM as f32, 0.0, 0.0, OUTLINE_REACH_MM as f32, 0.0];
             }
