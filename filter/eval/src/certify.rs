@@ -32,10 +32,9 @@ const RIDGE: f64 = 1e-4;
 /// Where the search for strangers that share what was felt begins a second time: their offset, and the logarithm of how fast it grows.
 const SHARED: [f64; 2] = [0.5, 1.5];
 
-/// Which of the weights is of the number of touches, which of what a verifier says, and which two of the size.
+/// Which of the weights is of the number of touches, and which of what a verifier says.
 const BY_TOUCH: usize = 2;
 const BY_VERIFIER: usize = 3;
-const BY_SIZES: [usize; 2] = [5, 6];
 
 /// Weights, and what a stranger that shares what was felt is told by: its offset, and the logarithm of how fast it grows.
 const N: usize = N_WEIGHTS + 2;
@@ -138,12 +137,12 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
 }
 
 /// Whether touches are judged by maps with a weight of this number; cross-validated by bank. Of holes on maps of pegs a verifier says little
-/// for some parts, and ten touches that say nothing would make them sure. On maps of their own side the misfit says what a size does,
-/// and of pegs what a verifier does, under sensors that were not fitted, too.
+/// for some parts, and ten touches that say nothing would make them sure. Of pegs the misfit says what a verifier does, under sensors that
+/// were not fitted, too.
 fn is_weighed(touched: Side, views: Views, number: usize) -> bool {
     match (touched.is_hole(), views.is_pegs()) {
         (true, true) => number != BY_TOUCH,
-        (true, false) => !BY_SIZES.contains(&number),
+        (true, false) => true,
         (false, _) => number != BY_VERIFIER,
     }
 }
