@@ -408,7 +408,7 @@ mod tests {
     fn each_map_has_the_weights_that_it_says() {
         let weighed = |side, views| (0..N).filter(|at| is_weighed(side, views, *at)).collect::<Vec<_>>();
         assert_eq!(weighed(Side::Hole, Views::Pegs), [0, 1, 3, 4, 5, 6, 7, 8, 9]);
-        assert_eq!(weighed(Side::Hole, Views::Both), [0, 1, 2, 3, 4, 7, 8, 9]);
+        assert_eq!(weighed(Side::Hole, Views::Both), (0..N).collect::<Vec<_>>());
         assert_eq!(weighed(Side::Peg, Views::Pegs), [0, 1, 2, 4, 5, 6, 7, 8, 9]);
         // Parts that are there were touched more often: a weight, unless touches are not counted.
         let rows: Vec<Row> = rows(4_000)
