@@ -293,25 +293,29 @@ fn a_place_is_found_by_the_maps_of_touches_and_part() {
     assert!(Episode::restore(&record, bank).unwrap_err().to_string().contains("each error above 0"));
 }
 
-#[test]
-fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
-    let maps = Maps::load(shipped("maze-small.maps").as_ref()).unwrap();
+/// A bank of two letters with maps, and touches of the first one's hole.
+fn two_letters(maps: &Maps) -> (EpisodeConfig, Arc<Bank>, impl Fn(Se2, u64) -> Observation + use<>) {
     let model = Model::load(shipped("maze-small").as_ref()).unwrap().with_maps(maps.clone()).unwrap();
     let model = Arc::new(model);
     let reach = PoseGrid { xy_half_mm: 12.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 45.0 };
     let mut scene = Scene { reach: Some(reach), ..Scene::load("alphabet-small").unwrap() };
     scene.parts = Parts::Kit(Kit::of_letters("TF", 6.0, 6.0));
     let bank = bank_of_scene(&model, &scene, Views::Pegs, 1, &|_, _| ()).unwrap();
-    let bank = with_maps_of_scene(bank, &maps, (&scene, Views::Pegs), 1, &|_, _| ()).unwrap();
+    let bank = with_maps_of_scene(bank, maps, (&scene, Views::Pegs), 1, &|_, _| ()).unwrap();
     let simulator = Simulator::new(scene, 1).unwrap();
     let sensor = Sensor::new(model.clone(), &simulator.no_contact(7)).unwrap();
-    let touch = |pose: Se2, n: u64| {
+    let touch = move |pose: Se2, n: u64| {
         sensor.observe(&simulator.touch(0, Side::Hole, &pose, &mut frame_rng(5, n)).unwrap()).unwrap()
     };
+    (EpisodeConfig::of(&model), Arc::new(bank), touch)
+}
+
+#[test]
+fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
+    let (config, bank, touch) = two_letters(&Maps::load(shipped("maze-small.maps").as_ref()).unwrap());
     // Two touches next to the letter, then one on it.
     let (aside, moved) = (Se2::new(12.0, 12.0, 0.0), Se2::new(-24.0, 0.0, 0.0));
-    let (config, bank) = (EpisodeConfig::of(&model), Arc::new(bank));
-    let mut episode = Episode::begin(config, bank.clone(), &touch(aside, 1)).unwrap();
+    let mut episode = Episode::begin(config, bank, &touch(aside, 1)).unwrap();
     episode.observe(moved, &touch(aside * moved, 2)).unwrap();
     let blank = episode.estimate();
     let verified = blank.verified.unwrap();
@@ -322,8 +326,13 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
     let verified = found.verified.unwrap();
     assert!(verified.n_new > 0.5 && verified.n_new <= 1.0 && verified.log_odds.abs() <= 8.0, "{verified:?}");
     assert!(found.presence.is_some() && found.part == "T", "{}", found.part);
+}
 
-    // A run learns what is said of its sensor: one touch next to a quarter of one.
+#[test]
+fn a_run_learns_what_its_sensor_shows() {
+    let maps = Maps::load(shipped("maze-small.maps").as_ref()).unwrap();
+    let (config, bank, touch) = two_letters(&maps);
+    // What is said of it: one touch next to a quarter of one.
     let mut eager = config;
     eager.settings = Settings { stop_probability: 0.3, false_accept: None, ..Settings::default() };
     let first = Episode::begin(eager, bank.clone(), &touch(Se2::IDENTITY, 4)).unwrap();

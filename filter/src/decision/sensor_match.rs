@@ -139,7 +139,7 @@ impl SensorMatch {
     pub(crate) fn validate(&self) -> Result<()> {
         let is_told =
             self.offset.abs() < 1e6 && (0.0..1e12).contains(&self.weight) && (0.0..1e12).contains(&self.squares);
-        let is_told = is_told && self.verifier.is_valid() && self.strain.is_possible() && self.misfit.is_possible();
+        let is_told = is_told && self.verifier.is_valid() && self.strain.is_within(1.0) && self.misfit.is_within(10.0);
         let is_none = self.n_holes > 0 || *self == Self::default();
         if is_told && is_none {
             return Ok(());

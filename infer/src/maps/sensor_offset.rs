@@ -50,9 +50,9 @@ impl SensorOffset {
         }
     }
 
-    /// Whether these are numbers that parts can give.
-    pub fn is_possible(&self) -> bool {
-        self.mean.abs() < 10.0
+    /// Whether these are numbers that parts can give, of which none is so far off.
+    pub fn is_within(&self, most: f64) -> bool {
+        self.mean.abs() < most
             && (0.0..1e12).contains(&self.information)
             && (self.information > 0.0 || self.mean == 0.0)
     }
@@ -81,8 +81,8 @@ mod tests {
         // Each tells 0.03 to half of that variance; together with none, known to 0.02.
         let n = 6.0 / (sd * sd);
         assert!((found.mean - 0.03 * n / (n + STRAIN.powi(-2))).abs() < 1e-12, "{found:?}");
-        assert!((found.information - n).abs() < 1e-6 * n && found.is_possible() && !found.is_none());
-        assert!(SensorOffset::default().is_none() && SensorOffset::default().is_possible());
+        assert!((found.information - n).abs() < 1e-6 * n && found.is_within(1.0) && !found.is_none());
+        assert!(SensorOffset::default().is_none() && SensorOffset::default().is_within(1.0));
         // A part that is another moves it by at most three standard deviations.
         let wrong = found.with_strain(&strain(0.9, 0.9, sd));
         let known = STRAIN.powi(-2) + n;
@@ -103,8 +103,8 @@ mod tests {
 
     #[test]
     fn numbers_that_no_parts_give_are_not_possible() {
-        for [mean, information] in [[f64::NAN, 1.0], [20.0, 1.0], [0.1, 0.0], [0.1, -1.0]] {
-            assert!(!SensorOffset { mean, information }.is_possible(), "{mean} {information}");
+        for [mean, information] in [[f64::NAN, 1.0], [2.0, 1.0], [0.1, 0.0], [0.1, -1.0]] {
+            assert!(!SensorOffset { mean, information }.is_within(1.0), "{mean} {information}");
         }
     }
 }
