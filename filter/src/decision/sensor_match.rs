@@ -21,7 +21,7 @@ const OFFSET_COSINE: f64 = 0.027;
 const SHAPE: f64 = 4.0;
 
 /// A hole tells at most of an offset of so many standard deviations: a wrong name costs little.
-pub(super) const MOST: f64 = 3.0;
+const MOST: f64 = 3.0;
 
 /// What was learnt of a sensor from the confident holes of a run; nothing at first. A new gel or another camera begins anew, with
 /// the default.

@@ -6,8 +6,9 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_infer::calibration::presence::Verified;
+use tactile_infer::maps::sensor_offset::SensorOffset;
 
-use crate::decision::sensor_match::{MOST, independent};
+use crate::decision::sensor_match::independent;
 use crate::touch_model::TouchModel;
 
 /// Standard deviation of what is said of one touch about the mean of a sensor, nats: MAZE parts under six drawn sensors.
@@ -43,15 +44,15 @@ impl VerifierOffset {
             return *self;
         }
         let mean = verified.log_odds / n_new - verified.expected_mean(usual);
-        let (weight, known) = (independent(n_new), model.verifier_touches + self.weight);
-        let most = MOST * SD * (weight.recip() + known.recip()).sqrt();
-        let apart = (mean - model.verifier_offset - self.nats).clamp(-most, most);
-        Self { nats: self.nats + apart * weight / (known + weight), weight: self.weight + weight }
+        let (weight, of_one) = (independent(n_new), SD * SD);
+        let known = SensorOffset { mean: self.nats, information: self.weight / of_one };
+        let known = known.with([mean - model.verifier_offset, of_one / weight], model.verifier_touches / of_one);
+        Self { nats: known.mean, weight: self.weight + weight }
     }
 
     /// Whether these are numbers that holes can give.
     pub(crate) fn is_valid(&self) -> bool {
-        self.nats.abs() < 1e6 && (0.0..1e12).contains(&self.weight) && (self.weight > 0.0 || self.nats == 0.0)
+        SensorOffset { mean: self.nats, information: self.weight }.is_within(1e6)
     }
 
     pub(crate) fn is_none(&self) -> bool {

@@ -30,17 +30,17 @@ pub struct SensorOffset {
 impl SensorOffset {
     /// How much larger along both axes parts seem, 1 for twice as long, with what one more part tells, whose touches came to this strain.
     pub fn with_strain(&self, Strain { mean: [x, y, _], covariance: c }: &Strain) -> Self {
-        self.with([0.5 * (x + y), 0.25 * (c[0][0] + 2.0 * c[0][1] + c[1][1])], STRAIN)
+        self.with([0.5 * (x + y), 0.25 * (c[0][0] + 2.0 * c[0][1] + c[1][1])], STRAIN.powi(-2))
     }
 
     /// How far maps are off, nats, with what one more part tells, whose maps are so far off beyond what is usual of it.
     pub fn with_misfit(&self, nats: f64) -> Self {
-        self.with([nats, MISFIT_OF_TOUCHES * MISFIT_OF_TOUCHES], MISFIT)
+        self.with([nats, MISFIT_OF_TOUCHES * MISFIT_OF_TOUCHES], MISFIT.powi(-2))
     }
 
-    /// With one more value and its variance, where sensors differ by so much.
-    fn with(&self, [value, variance]: [f64; 2], of_sensors: f64) -> Self {
-        let known = of_sensors.powi(-2) + self.information;
+    /// With one more value and its variance. `before`: what was known of the sensor before any, one over the variance.
+    pub fn with(&self, [value, variance]: [f64; 2], before: f64) -> Self {
+        let known = before + self.information;
         let most = MOST * (variance + known.recip()).sqrt();
         let apart = (value - self.mean).clamp(-most, most);
         let information = variance.recip();
