@@ -115,6 +115,7 @@ pub struct Range {
 impl Range {
     pub(crate) const SHARE: Self = Self::closed("0..=1", 0.0, 1.0);
     pub(crate) const COSINE: Self = Self::closed("-1..=1", -1.0, 1.0);
+    pub(crate) const MISFIT: Self = Self::closed("-20..=20", -20.0, 20.0);
     pub(crate) const BELOW_ONE: Self = Self { is_open: [false, true], ..Self::closed("0 to below 1", 0.0, 1.0) };
     pub(crate) const POSITIVE: Self =
         Self { is_open: [true, false], ..Self::closed("a positive number", 0.0, f64::MAX) };

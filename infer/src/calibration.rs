@@ -91,8 +91,11 @@ impl Calibration {
         check("between_sensors", "a finite number, not negative", between, between.is_finite() && between >= 0.0)?;
         let steepness = self.steepness.unwrap_or(1.0);
         check("steepness", "a positive number", steepness, steepness.is_finite() && steepness > 0.0)?;
-        let nats = self.verifier.as_ref().map_or(0.0, |of_verifier| of_verifier.nats);
-        check("verifier.nats", "a finite number", nats, nats.is_finite())?;
+        if let Some(OfVerifier { nats, strain, misfit, .. }) = self.verifier {
+            check("verifier.nats", "a finite number", nats, nats.is_finite())?;
+            check("verifier.strain", "-1 to 1", strain, (-1.0..=1.0).contains(&strain))?;
+            check("verifier.misfit", "-20 to 20", misfit, (-20.0..=20.0).contains(&misfit))?;
+        }
         let Some(prior) = self.prior else { return Ok(()) };
         let n = prior.n_touches;
         check("prior.n_touches", "a finite number, not negative", n, n.is_finite() && n >= 0.0)?;

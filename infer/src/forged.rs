@@ -144,6 +144,8 @@ fn a_calibration_that_no_touches_give_is_refused_with_its_field() {
         ("/matched/sd", vec![json!(-1.0)]),
         ("/between_sensors", vec![json!(-1.0)]),
         ("/steepness", vec![json!(0.0), json!(-1.0)]),
+        ("/verifier/strain", vec![json!(-1.5), json!(2.0)]),
+        ("/verifier/misfit", vec![json!(21.0), json!(-1e30)]),
         ("/prior/n_touches", vec![json!(-1.0)]),
         ("/prior/low_similarity", vec![json!(2.0)]),
     ] {

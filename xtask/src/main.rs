@@ -2,6 +2,7 @@
 
 mod bench;
 mod capi;
+mod certify;
 mod code;
 mod dds;
 mod demo;
@@ -61,6 +62,11 @@ enum Chore {
         after_help = "Example:\n  cargo xtask reproduce --smoke\n  cargo xtask reproduce --part tables --part hard"
     )]
     Reproduce(reproduce::ReproduceArgs),
+    /// Fit how sure a name is by networks of maps, to episodes with the part and with strangers.
+    #[command(
+        after_help = "Example:\n  cargo xtask certify --maps out/verifier/maps.safetensors --out out/certification"
+    )]
+    Certify(certify::CertifyArgs),
     /// Write the figures of the documents' tables, from figures.json or from what reproduce left in a folder.
     #[command(after_help = "Example:\n  cargo xtask figures --from reproduction")]
     Figures(figures::FiguresArgs),
@@ -112,6 +118,7 @@ fn run(chore: &Chore) -> Result<()> {
             let whole = reproduce::reproduce(&workspace, args)?;
             figures::after(&workspace, whole.as_deref())
         }
+        Chore::Certify(args) => certify::certify(&workspace, args),
         Chore::Figures(args) => figures::figures(&workspace, args),
         Chore::Lab(args) => lab::lab(&workspace, args),
         Chore::Python(args) => python::python(&workspace, args),

@@ -3,7 +3,7 @@
 use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::side_shares::SideShares;
+use super::side_shares::{MOST_FALL_MM, SideShares};
 use super::{SensorRange, is_zero};
 use crate::dataset::touch::Side;
 use crate::error::{Error, Result};
@@ -39,6 +39,9 @@ pub struct MazeBoards {
     /// A wall narrower than twice the rounding is a dome.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub rounded_share: f64,
+    /// How far a rounded edge falls at most, mm: a press that is deeper feels more of it.
+    #[serde(default = "most_fall_mm", skip_serializing_if = "is_most_fall")]
+    pub most_fall_mm: f64,
     /// Other sensors, one drawn for each board; without them the scene's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensors: Option<SensorRange>,
@@ -54,6 +57,14 @@ fn default_band() -> [f64; 2] {
     [0.25, 2.5]
 }
 
+fn most_fall_mm() -> f64 {
+    MOST_FALL_MM
+}
+
+fn is_most_fall(mm: &f64) -> bool {
+    *mm == MOST_FALL_MM
+}
+
 impl MazeBoards {
     /// What draws the rim or the shell of one side of a board, where `seed` draws the boards.
     pub(super) fn band_rng(seed: u64, board: usize, side: Side) -> ChaCha8Rng {
@@ -62,8 +73,8 @@ impl MazeBoards {
 
     /// How the sides of boards are drawn.
     pub(super) fn side_shares(&self) -> SideShares {
-        let Self { band_share, band_mm, core_share, rounded_share, .. } = *self;
-        SideShares { band: band_share, band_mm, core: core_share, rounded: rounded_share }
+        let Self { band_share, band_mm, core_share, rounded_share, most_fall_mm, .. } = *self;
+        SideShares { band: band_share, band_mm, core: core_share, rounded: rounded_share, most_fall_mm }
     }
 
     /// The diagonal of the largest view that a sensor may have, mm.
@@ -119,6 +130,7 @@ impl MazeBoards {
         };
         ordered("band_mm", self.band_mm, 0.1, 20.0)?;
         ordered("gel_length_mm", self.gel_length_mm, 0.1, 10.0)?;
+        ordered("most_fall_mm", [self.most_fall_mm; 2], 0.1, 10.0)?;
         ordered("spec.pitch_mm", spec.pitch_mm, 1.0, spec.side_mm)?;
         ordered("spec.wall_share", spec.wall_share, 0.05, 0.9)?;
         ordered("spec.kept_share", spec.kept_share, 0.0, 1.0)?;
@@ -203,15 +215,17 @@ mod tests {
 
     #[test]
     fn edges_are_rounded_as_often_as_asked_and_nothing_else_is_changed() {
-        let (sharp, rounded) = (boards(0.5, 0.5), MazeBoards { rounded_share: 0.25, ..boards(0.5, 0.5) });
-        let mut n_rounded = 0;
+        let (sharp, rounded) =
+            (boards(0.5, 0.5), MazeBoards { rounded_share: 0.25, most_fall_mm: 2.5, ..boards(0.5, 0.5) });
+        let (mut n_rounded, mut farthest) = (0, 0.0);
         for board in 0..400 {
             let [plain, mut relief] = [&sharp, &rounded].map(|boards| drawn(boards, board, Side::Peg, 0.15, 7));
             n_rounded += usize::from(!relief.is_flat() && relief != plain);
             for layer in &mut relief.layers {
                 if let Layer::Face(Face { rounding, .. }) = layer {
                     let given = rounding.take().is_none_or(|Rounding { width_mm, fall_mm }| {
-                        (0.3..=4.0).contains(&width_mm) && (0.09..=1.0).contains(&fall_mm) && fall_mm <= width_mm
+                        farthest = f64::max(farthest, fall_mm);
+                        (0.3..=4.0).contains(&width_mm) && (0.09..=2.5).contains(&fall_mm) && fall_mm <= width_mm
                     });
                     assert!(given);
                 }
@@ -220,6 +234,8 @@ mod tests {
         }
         // Four standard errors of a share of 400.
         assert!((f64::from(n_rounded as u32) / 400.0 - 0.25).abs() < 0.087, "{n_rounded}");
+        // One in twenty falls farther.
+        assert_eq!(farthest, 2.5);
     }
 
     #[test]

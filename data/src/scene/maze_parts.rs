@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::part::Part;
 use super::parts::MOST_PARTS;
-use super::side_shares::SideShares;
+use super::side_shares::{MOST_FALL_MM, SideShares};
 use crate::dataset::touch::Side;
 use crate::error::{Error, Result};
 use crate::scene::random::uniform;
@@ -64,7 +64,8 @@ fn is_first(first: &usize) -> bool {
 
 /// Sides of MAZE parts are drawn as those of the boards that the shipped model was trained on; no rim or shell is thinner
 /// than the gel shows.
-const SHARES: SideShares = SideShares { band: 0.5, band_mm: [0.3, 2.5], core: 0.4, rounded: 0.3 };
+const SHARES: SideShares =
+    SideShares { band: 0.5, band_mm: [0.3, 2.5], core: 0.4, rounded: 0.3, most_fall_mm: MOST_FALL_MM };
 
 /// The most parts before the first.
 const MOST_BEFORE: usize = 1_000_000;

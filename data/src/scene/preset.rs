@@ -1,5 +1,6 @@
 //! Scenes known by name.
 
+use super::side_shares::MOST_FALL_MM;
 use super::{Connectors, Kit, MazeBoards, Parts, Scene, default_clearance, default_fidelity};
 use crate::pose::grid::PoseGrid;
 use crate::scene::shape::connector::Connector;
@@ -40,6 +41,7 @@ impl Scene {
                     band_mm: [0.25, 2.5],
                     core_share: 0.4,
                     rounded_share: 0.0,
+                    most_fall_mm: MOST_FALL_MM,
                     sensors: None,
                     spec: MazeSpec::default(),
                 };

@@ -16,9 +16,11 @@ const CORE_DROP_MM: [f64; 2] = [0.0, 0.8];
 /// Least and greatest width of a rounded edge, mm, drawn log-uniformly: from a broken edge to a dome.
 const ROUNDING_MM: [f64; 2] = [0.3, 4.0];
 
-/// How far a rounded edge falls, as a share of its width, and at most, mm: what is deeper is hardly touched.
+/// How far a rounded edge falls, as a share of its width.
 const FALL_SHARE: [f64; 2] = [0.3, 1.0];
-const MOST_FALL_MM: f64 = 1.0;
+
+/// How far it falls at most, mm, if nothing else is asked for: what is deeper a press of a millimetre hardly feels.
+pub(super) const MOST_FALL_MM: f64 = 1.0;
 
 /// Shares of the holes that are rims instead of openings in a plate, of the pegs that are shells instead of solid, and of
 /// both that have rounded edges; each is drawn for a side alone.
@@ -32,6 +34,8 @@ pub(super) struct SideShares {
     pub core: f64,
     /// Share of the sides with rounded edges.
     pub rounded: f64,
+    /// How far a rounded edge falls at most, mm.
+    pub most_fall_mm: f64,
 }
 
 impl SideShares {
@@ -43,7 +47,7 @@ impl SideShares {
             return relief;
         }
         let width_mm = uniform(rng, ROUNDING_MM.map(f64::ln)).exp();
-        let fall_mm = (width_mm * uniform(rng, FALL_SHARE)).min(MOST_FALL_MM);
+        let fall_mm = (width_mm * uniform(rng, FALL_SHARE)).min(self.most_fall_mm);
         relief.rounded(Rounding { width_mm, fall_mm })
     }
 
