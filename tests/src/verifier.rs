@@ -375,6 +375,20 @@ fn a_run_learns_what_its_sensor_shows() {
 }
 
 #[test]
+fn networks_for_raised_parts_leave_holes_to_the_cosines() {
+    let maps = Maps::load(shipped("maze-small.raised.maps").as_ref()).unwrap();
+    let fits = [(Side::Peg, Side::Peg), (Side::Hole, Side::Peg), (Side::Hole, Side::Hole)];
+    let is_fitted = |(touched, on)| maps.verifier().unwrap().presence(touched, on).is_some();
+    assert_eq!(fits.map(is_fitted), [true, false, false]);
+    let (config, bank, touch) = two_letters(&maps);
+    let found = Episode::begin(config, bank, &touch(Se2::IDENTITY, 4)).unwrap().estimate();
+    let model = Model::load(shipped("maze-small").as_ref()).unwrap();
+    let felt = Felt { fit: found.fit.unwrap(), n_fitted: found.n_fitted, verified: None };
+    let by_cosines = model.presence(Side::Hole).unwrap().log_odds(&felt);
+    assert!(found.verified.is_some() && (found.presence.unwrap().log_odds - by_cosines).abs() < 1e-9, "{found:?}");
+}
+
+#[test]
 fn another_size_is_told_with_how_much_it_is() {
     let maps = Maps::load(shipped("maze-small.maps").as_ref()).unwrap();
     let model = Model::load(shipped("maze-small").as_ref()).unwrap().with_maps(maps.clone()).unwrap();
