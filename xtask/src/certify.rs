@@ -76,16 +76,20 @@ pub fn certify(workspace: &Workspace, args: &CertifyArgs) -> Result<()> {
     let out = workspace.folder(args.out.as_deref(), "certification".as_ref())?;
     let path = |path: &PathBuf| path.canonicalize().map_err(Error::io(path));
     let model = path(args.model.as_ref().unwrap_or(&workspace.shipped_model()))?;
-    let maps = path(&args.maps)?;
+    let job = Job { workspace, model, maps: path(&args.maps)? };
     let certified = out.join("maps.safetensors");
-    if certified == maps {
-        return Err(Error::invalid(maps.display().to_string(), "networks in another folder than --out", "this one"));
+    // By whatever path: a copy onto itself would leave nothing.
+    if certified.canonicalize().is_ok_and(|path| path == job.maps) {
+        return Err(Error::invalid(
+            job.maps.display().to_string(),
+            "networks in another folder than --out",
+            "this one",
+        ));
     }
-    let job = Job { workspace, model, maps: maps.clone() };
     let only = if args.only.is_empty() { Touches::value_variants() } else { &args.only };
     let (steps, fits) = job.steps(only, args.banks);
     step::run_all("certify", &steps, workspace, &out)?;
-    fs::copy(&maps, &certified).map_err(Error::io(&certified))?;
+    fs::copy(&job.maps, &certified).map_err(Error::io(&certified))?;
     for (touches, evaluations) in &fits {
         println!("== {}", touches.name());
         let program = workspace.program("tactile-filter").words("certify").words(evaluations.join(" "));
@@ -159,7 +163,28 @@ impl Job<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
+
+    #[test]
+    fn networks_in_the_output_folder_are_refused_by_whatever_path() {
+        let out = std::env::temp_dir().join(format!("xtask-certify-{}", std::process::id()));
+        fs::create_dir_all(out.join("within")).unwrap();
+        let maps = out.join("maps.safetensors");
+        fs::write(&maps, "networks").unwrap();
+        let args = CertifyArgs {
+            maps: maps.clone(),
+            model: Some(maps.clone()),
+            only: Vec::new(),
+            banks: 1,
+            out: Some(out.join("within/..")),
+        };
+        let error = certify(&Workspace { root: out.clone(), target: out.clone() }, &args).unwrap_err().to_string();
+        assert!(error.contains("another folder than --out"), "{error}");
+        assert_eq!(fs::read_to_string(&maps).unwrap(), "networks");
+        fs::remove_dir_all(&out).unwrap();
+    }
 
     #[test]
     fn each_kind_has_scenes_of_its_own_and_each_bank_is_made_once() {
@@ -178,7 +203,7 @@ mod tests {
         for (touches, evaluations) in fits {
             assert_eq!(evaluations.len(), 100, "{touches:?}");
             let of_fit: Vec<&Step> = steps.iter().filter(|step| evaluations.contains(&step.name)).collect();
-            let seeds: std::collections::BTreeSet<String> = of_fit
+            let seeds: BTreeSet<String> = of_fit
                 .iter()
                 .map(|step| {
                     let command = step.command();
