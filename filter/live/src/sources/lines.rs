@@ -13,6 +13,9 @@ const MAX_BYTES: u64 = 4096;
 /// Between two tries to open what is gone.
 const RETRY: Duration = Duration::from_secs(1);
 
+/// Between two looks for the next writer of a FIFO.
+const POLL: Duration = Duration::from_millis(20);
+
 /// Where lines come from.
 #[derive(Debug)]
 pub struct Lines {
@@ -38,34 +41,43 @@ impl Lines {
         Ok(Self { path: path.to_path_buf(), is_fifo })
     }
 
-    /// Gives each line that is not empty to `take`, without its end, until the lines end or `take` says `false`. A FIFO is
-    /// opened again after its writer has ended, and tried again where it is gone. What cannot be read is a line of
-    /// its own: `Err` with the reason, once until it can be read again.
+    /// Gives each line that is not empty to `take`, without its end, until the lines end or `take` says `false`. A FIFO
+    /// stays open after its writer has ended, so that the next one always finds a reader; it is tried again where it is
+    /// gone. What cannot be read is a line of its own: `Err` with the reason, once until it can be read again.
     pub fn each(&self, mut take: impl FnMut(std::result::Result<Vec<u8>, String>) -> bool) {
         let mut is_gone = false;
         loop {
             let read = File::open(&self.path).and_then(|file| {
                 is_gone = false;
-                each_of(BufReader::new(file), &mut |line| take(Ok(line)))
+                self.each_of_file(file, &mut |line| take(Ok(line)))
             });
-            match read {
-                Ok(goes_on) if goes_on && self.is_fifo => {}
-                Ok(_) => return,
-                Err(error) => {
-                    let goes_on = is_gone || take(Err(format!("{}: {error}", self.path.display())));
-                    if !goes_on || !self.is_fifo {
-                        return;
-                    }
-                    is_gone = true;
-                    std::thread::sleep(RETRY);
-                }
+            let Err(error) = read else { return };
+            let goes_on = is_gone || take(Err(format!("{}: {error}", self.path.display())));
+            if !goes_on || !self.is_fifo {
+                return;
+            }
+            is_gone = true;
+            std::thread::sleep(RETRY);
+        }
+    }
+
+    /// Gives each line to `take` until it wants no more, the file ends, or the FIFO is no longer at its path (`Err` where
+    /// nothing is there).
+    fn each_of_file(&self, file: File, take: &mut dyn FnMut(Vec<u8>) -> bool) -> io::Result<()> {
+        let mut lines = BufReader::new(file);
+        while each_of(&mut lines, take)? && self.is_fifo {
+            // Without a writer a FIFO is read as ended, at once; the same handle reads what the next writer writes.
+            std::thread::sleep(POLL);
+            if !is_same(&fs::metadata(&self.path)?, &lines.get_ref().metadata()?) {
+                lines = BufReader::new(File::open(&self.path)?);
             }
         }
+        Ok(())
     }
 }
 
 /// Gives each line to `take`; whether it wants more.
-fn each_of(mut lines: impl BufRead, take: &mut dyn FnMut(Vec<u8>) -> bool) -> io::Result<bool> {
+fn each_of(lines: &mut impl BufRead, take: &mut dyn FnMut(Vec<u8>) -> bool) -> io::Result<bool> {
     loop {
         let mut line = Vec::new();
         match lines.by_ref().take(MAX_BYTES).read_until(b'\n', &mut line) {
@@ -89,6 +101,18 @@ fn is_fifo(metadata: &fs::Metadata) -> bool {
 #[cfg(not(unix))]
 fn is_fifo(_: &fs::Metadata) -> bool {
     false
+}
+
+/// Whether both are of one file.
+#[cfg(unix)]
+fn is_same(one: &fs::Metadata, other: &fs::Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    (one.dev(), one.ino()) == (other.dev(), other.ino())
+}
+
+#[cfg(not(unix))]
+fn is_same(_: &fs::Metadata, _: &fs::Metadata) -> bool {
+    true
 }
 
 #[cfg(test)]
@@ -135,15 +159,14 @@ mod tests {
             });
         });
         let next = || receiver.recv_timeout(Duration::from_secs(30)).unwrap();
-        for word in ["rest", "touch"] {
-            // Opened, written and closed each time: a writer of its own.
-            fs::write(&path, format!("{word}\n")).unwrap();
-            assert_eq!(next(), Ok(word.as_bytes().to_vec()));
+        // Opened, written and closed each time: a writer of its own, also where the one before has ended just now.
+        for i in 0..500 {
+            fs::write(&path, format!("touch {i}\n")).unwrap();
+        }
+        for i in 0..500 {
+            assert_eq!(next(), Ok(format!("touch {i}").into_bytes()));
         }
         fs::rename(&path, scratch.path().join("aside")).unwrap();
-        // The reader waits for a writer of the old one; its end makes the reader look for the new one.
-        fs::write(scratch.path().join("aside"), "reset\n").unwrap();
-        assert_eq!(next(), Ok(b"reset".to_vec()));
         let gone = next().unwrap_err();
         assert!(gone.contains("fifo: "), "{gone}");
         make();
