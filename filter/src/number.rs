@@ -6,6 +6,7 @@ use std::fmt;
 use std::ops::RangeInclusive;
 
 use tactile_data::text::printable::printable;
+use tactile_infer::maps::sensor_offset::{MOST_MISFIT, MOST_STRAIN};
 
 use crate::error::{Error, Result};
 
@@ -86,12 +87,6 @@ impl<T> Number<T> {
     pub fn text(&self, table: &T) -> String {
         (self.get)(table)
     }
-
-    /// Its row of a table in Markdown: name, unit, range, default, what it does.
-    pub fn row(&self, defaults: &T) -> String {
-        let Self { name, unit, doc, .. } = self;
-        format!("| `{name}` | {unit} | {} | {} | {} |", self.allowed(), self.text(defaults), doc.trim())
-    }
 }
 
 /// The number of a table that has a name.
@@ -115,7 +110,8 @@ pub struct Range {
 impl Range {
     pub(crate) const SHARE: Self = Self::closed("0..=1", 0.0, 1.0);
     pub(crate) const COSINE: Self = Self::closed("-1..=1", -1.0, 1.0);
-    pub(crate) const MISFIT: Self = Self::closed("-20..=20", -20.0, 20.0);
+    pub(crate) const STRAIN: Self = Self::within(MOST_STRAIN);
+    pub(crate) const MISFIT: Self = Self::within(MOST_MISFIT);
     pub(crate) const BELOW_ONE: Self = Self { is_open: [false, true], ..Self::closed("0 to below 1", 0.0, 1.0) };
     pub(crate) const POSITIVE: Self =
         Self { is_open: [true, false], ..Self::closed("a positive number", 0.0, f64::MAX) };
@@ -126,6 +122,11 @@ impl Range {
 
     const fn closed(words: &'static str, least: f64, most: f64) -> Self {
         Self { words: Some(words), bounds: least..=most, is_open: [false; 2] }
+    }
+
+    /// At most so far from 0.
+    const fn within(most: f64) -> Self {
+        Self { words: None, bounds: -most..=most, is_open: [false; 2] }
     }
 
     /// From 1 to a number.

@@ -98,7 +98,7 @@ numbers! {
         verifier_touches: f64 = 0.25, "touches", Range::POSITIVE,
             Measured: "`tactile-infer calibrate --maps`; else (2 / 4)^2, MAZE parts 0 to 11, six drawn sensors"; "a run learns it too late";
         /// How much larger along both axes parts seem under this sensor than under a simulated one.
-        sensor_strain: f64 = 0.0, "", Range::COSINE,
+        sensor_strain: f64 = 0.0, "", Range::STRAIN,
             Measured: "`tactile-infer calibrate --maps`; else the confident holes of a run tell it"; "parts that are pressed deeper than the bank's are refused";
         /// How much farther off than usual their maps are under this sensor.
         sensor_misfit: f64 = 0.0, "nats", Range::MISFIT,

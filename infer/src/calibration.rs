@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::bank::views::Views;
 use crate::error::{Error, Result};
+use crate::maps::sensor_offset::{MOST_MISFIT, MOST_STRAIN};
 
 /// A view with a smaller share of edge pixels is blank.
 pub const BLANK_SHARE: f32 = 0.01;
@@ -93,8 +94,9 @@ impl Calibration {
         check("steepness", "a positive number", steepness, steepness.is_finite() && steepness > 0.0)?;
         if let Some(OfVerifier { nats, strain, misfit, .. }) = self.verifier {
             check("verifier.nats", "a finite number", nats, nats.is_finite())?;
-            check("verifier.strain", "-1 to 1", strain, (-1.0..=1.0).contains(&strain))?;
-            check("verifier.misfit", "-20 to 20", misfit, (-20.0..=20.0).contains(&misfit))?;
+            for (field, value, most) in [("strain", strain, MOST_STRAIN), ("misfit", misfit, MOST_MISFIT)] {
+                check(&format!("verifier.{field}"), &format!("-{most} to {most}"), value, value.abs() <= most)?;
+            }
         }
         let Some(prior) = self.prior else { return Ok(()) };
         let n = prior.n_touches;

@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_infer::calibration::presence::{PresenceOdds, Verified};
-use tactile_infer::maps::sensor_offset::SensorOffset;
+use tactile_infer::maps::sensor_offset::{MOST_MISFIT, MOST_STRAIN, SensorOffset};
 use tactile_infer::maps::strain::Strain;
 
 use crate::decision::{Placed, VerifierOffset};
@@ -139,7 +139,10 @@ impl SensorMatch {
     pub(crate) fn validate(&self) -> Result<()> {
         let is_told =
             self.offset.abs() < 1e6 && (0.0..1e12).contains(&self.weight) && (0.0..1e12).contains(&self.squares);
-        let is_told = is_told && self.verifier.is_valid() && self.strain.is_within(1.0) && self.misfit.is_within(10.0);
+        let is_told = is_told
+            && self.verifier.is_valid()
+            && self.strain.is_within(MOST_STRAIN)
+            && self.misfit.is_within(MOST_MISFIT);
         let is_none = self.n_holes > 0 || *self == Self::default();
         if is_told && is_none {
             return Ok(());

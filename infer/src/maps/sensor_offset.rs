@@ -16,6 +16,12 @@ const MISFIT_OF_TOUCHES: f64 = 0.4;
 /// A part tells at most of an offset of so many standard deviations: a wrong name costs little.
 const MOST: f64 = 3.0;
 
+/// No sensor makes parts seem larger, or smaller, by more than this: 1 for twice as large.
+pub const MOST_STRAIN: f64 = 1.0;
+
+/// No sensor makes maps farther off than usual, or nearer, by more than this, nats.
+pub const MOST_MISFIT: f64 = 20.0;
+
 /// What a sensor adds to what every part shows, learnt from parts that are there; nothing at first. A normal offset with its conjugate
 /// prior.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -81,8 +87,8 @@ mod tests {
         // Each tells 0.03 to half of that variance; together with none, known to 0.02.
         let n = 6.0 / (sd * sd);
         assert!((found.mean - 0.03 * n / (n + STRAIN.powi(-2))).abs() < 1e-12, "{found:?}");
-        assert!((found.information - n).abs() < 1e-6 * n && found.is_within(1.0) && !found.is_none());
-        assert!(SensorOffset::default().is_none() && SensorOffset::default().is_within(1.0));
+        assert!((found.information - n).abs() < 1e-6 * n && found.is_within(MOST_STRAIN) && !found.is_none());
+        assert!(SensorOffset::default().is_none() && SensorOffset::default().is_within(MOST_STRAIN));
         // A part that is another moves it by at most three standard deviations.
         let wrong = found.with_strain(&strain(0.9, 0.9, sd));
         let known = STRAIN.powi(-2) + n;
@@ -104,7 +110,7 @@ mod tests {
     #[test]
     fn numbers_that_no_parts_give_are_not_possible() {
         for [mean, information] in [[f64::NAN, 1.0], [2.0, 1.0], [0.1, 0.0], [0.1, -1.0]] {
-            assert!(!SensorOffset { mean, information }.is_within(1.0), "{mean} {information}");
+            assert!(!SensorOffset { mean, information }.is_within(MOST_STRAIN), "{mean} {information}");
         }
     }
 }
