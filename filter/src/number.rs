@@ -87,6 +87,13 @@ impl<T> Number<T> {
     pub fn text(&self, table: &T) -> String {
         (self.get)(table)
     }
+
+    /// Its row of a table in Markdown: name, unit, range, default, what it does.
+    #[cfg(test)]
+    pub(crate) fn row(&self, defaults: &T) -> String {
+        let Self { name, unit, doc, .. } = self;
+        format!("| `{name}` | {unit} | {} | {} | {} |", self.allowed(), self.text(defaults), doc.trim())
+    }
 }
 
 /// The number of a table that has a name.
