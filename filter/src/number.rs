@@ -6,6 +6,7 @@ use std::fmt;
 use std::ops::RangeInclusive;
 
 use tactile_data::text::printable::printable;
+use tactile_infer::calibration::own_by_edge::MOST_BY_EDGE;
 use tactile_infer::maps::sensor_offset::{MOST_MISFIT, MOST_STRAIN};
 
 use crate::error::{Error, Result};
@@ -117,6 +118,7 @@ pub struct Range {
 impl Range {
     pub(crate) const SHARE: Self = Self::closed("0..=1", 0.0, 1.0);
     pub(crate) const COSINE: Self = Self::closed("-1..=1", -1.0, 1.0);
+    pub(crate) const BY_EDGE: Self = Self::within(MOST_BY_EDGE);
     pub(crate) const STRAIN: Self = Self::within(MOST_STRAIN);
     pub(crate) const MISFIT: Self = Self::within(MOST_MISFIT);
     pub(crate) const BELOW_ONE: Self = Self { is_open: [false, true], ..Self::closed("0 to below 1", 0.0, 1.0) };

@@ -14,12 +14,14 @@ pub mod matching;
 pub mod minimum;
 #[cfg(feature = "datasets")]
 pub mod offset;
+pub mod own_by_edge;
 pub mod presence;
 pub mod touches_of_bank;
 
 use serde::{Deserialize, Serialize};
 
 use crate::bank::views::Views;
+use crate::calibration::own_by_edge::{MOST_BY_EDGE, OwnByEdge};
 use crate::error::{Error, Result};
 use crate::maps::sensor_offset::{MOST_MISFIT, MOST_STRAIN};
 
@@ -44,6 +46,10 @@ pub struct Calibration {
     /// sensor. `None` where nobody measured it, or of several sensors: 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steepness: Option<f64>,
+    /// How much farther touches with little edge are from their own views. `None` where nobody measured it, of several sensors, and where touches
+    /// did not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub own_by_edge: Option<OwnByEdge>,
     /// What the views of the bank were of that the touches were compared with.
     #[serde(default, skip_serializing_if = "Views::is_pegs")]
     pub views: Views,
@@ -92,6 +98,11 @@ impl Calibration {
         check("between_sensors", "a finite number, not negative", between, between.is_finite() && between >= 0.0)?;
         let steepness = self.steepness.unwrap_or(1.0);
         check("steepness", "a positive number", steepness, steepness.is_finite() && steepness > 0.0)?;
+        if let Some(OwnByEdge { by_edge, usual_edge }) = self.own_by_edge {
+            let expected = format!("-{MOST_BY_EDGE} to {MOST_BY_EDGE}");
+            check("own_by_edge.by_edge", &expected, by_edge, by_edge.abs() <= MOST_BY_EDGE)?;
+            check("own_by_edge.usual_edge", "a finite number", usual_edge, usual_edge.is_finite())?;
+        }
         if let Some(OfVerifier { nats, strain, misfit, .. }) = self.verifier {
             check("verifier.nats", "a finite number", nats, nats.is_finite())?;
             for (field, value, most) in [("strain", strain, MOST_STRAIN), ("misfit", misfit, MOST_MISFIT)] {

@@ -12,6 +12,7 @@ use crate::bank::similarity::normalize_rows;
 use crate::bank::views::Views;
 use crate::bank::{self, Bank};
 use crate::calibration::match_odds::MatchOdds;
+use crate::calibration::own_by_edge::OwnByEdge;
 use crate::calibration::{Calibration, OfVerifier, Prior, Spread};
 use crate::embedding::architecture::NetworkConfig;
 use crate::embedding::checkpoint::{self, Checkpoint, Provenance};
@@ -32,6 +33,7 @@ const CALIBRATION: Calibration = Calibration {
     matched: Some(Spread { mean: 0.9, sd: 0.03 }),
     between_sensors: Some(0.01),
     steepness: Some(0.8),
+    own_by_edge: Some(OwnByEdge { by_edge: 0.5, usual_edge: 1.5 }),
     views: Views::Pegs,
     verifier: Some(OfVerifier { maps_sha256: String::new(), nats: -1.5, n_touches: 10, strain: 0.25, misfit: 0.5 }),
     prior: Some(Prior {
@@ -144,6 +146,7 @@ fn a_calibration_that_no_touches_give_is_refused_with_its_field() {
         ("/matched/sd", vec![json!(-1.0)]),
         ("/between_sensors", vec![json!(-1.0)]),
         ("/steepness", vec![json!(0.0), json!(-1.0)]),
+        ("/own_by_edge/by_edge", vec![json!(-2.5), json!(1e30)]),
         ("/verifier/strain", vec![json!(-1.5), json!(2.0)]),
         ("/verifier/misfit", vec![json!(21.0), json!(-1e30)]),
         ("/prior/n_touches", vec![json!(-1.0)]),

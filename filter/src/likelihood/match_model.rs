@@ -137,7 +137,7 @@ impl Foreseen {
     pub fn new(model: &TouchModel, felt: Felt, edge_share: f32, new_share: f64) -> Self {
         let Felt { rarity, own_distance, unknown } = felt;
         let odds = Odds::new(model, [rarity, own_distance], edge_share).against(unknown);
-        Self { odds, own_square: own_distance * own_distance, new_share }
+        Self { odds, own_square: model.own_at(own_distance, edge_share).powi(2), new_share }
     }
 
     /// The likelihood at views by their cosines with the one touched. The power of a sum is taken as the sum of powers.
@@ -160,7 +160,7 @@ impl Odds {
     fn new(model: &TouchModel, [rarity, own_distance]: [f64; 2], edge_share: f32) -> Self {
         let steepness = model.steepness * (model.steepness_by_edge * MatchOdds::log_edge(edge_share)).exp();
         let usual = model.own_distance;
-        let counted = (usual / own_distance).powf(model.distance_by_own);
+        let counted = (usual / model.own_at(own_distance, edge_share)).powf(model.distance_by_own);
         // Of a bank whose touches are at their own views, say, or infinitely far: as usual.
         let counted = if counted.is_finite() { counted } else { 1.0 };
         let at_usual = (steepness * usual).min(MOST);

@@ -10,6 +10,7 @@ use tactile_data::file::output;
 use tactile_data::program;
 use tactile_infer::bank::Bank;
 use tactile_infer::calibration::calibrate::{Choice, Judgement, PRIOR_TOUCHES, Touches, calibrate};
+use tactile_infer::calibration::own_by_edge::OwnByEdge;
 use tactile_infer::calibration::{Calibration, OfVerifier, Prior, Spread};
 use tactile_infer::embedding::checkpoint::Checkpoint;
 use tactile_infer::embedding::model::Model;
@@ -186,7 +187,9 @@ fn by_other_touches(n_holes: usize, n_before: f64, sd: f64) -> [f64; 2] {
 
 /// A calibration, and what was known before it.
 fn text(calibration: &Calibration) -> String {
-    let Calibration { low_similarity, n_holes, matched, between_sensors, steepness, verifier, prior, .. } = calibration;
+    let Calibration {
+        low_similarity, n_holes, matched, between_sensors, steepness, own_by_edge, verifier, prior, ..
+    } = calibration;
     let before =
         |of: &dyn Fn(&Prior) -> String| prior.as_ref().map_or(String::new(), |prior| format!("{} -> ", of(prior)));
     let counted = prior.map_or(String::new(), |prior| format!(", and as much as {} from before", prior.n_touches));
@@ -213,6 +216,10 @@ fn text(calibration: &Calibration) -> String {
     }
     if let Some(steepness) = steepness {
         text += &format!("\n  a distance costs {steepness:.2} times as much as was fitted");
+    }
+    if let Some(OwnByEdge { by_edge, .. }) = own_by_edge {
+        let times = 2.0_f64.powf(*by_edge);
+        text += &format!("\n  touches with half as much edge are {times:.2} times as far from their own views");
     }
     text
 }

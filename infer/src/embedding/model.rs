@@ -362,6 +362,7 @@ mod tests {
             matched: None,
             between_sensors: None,
             steepness: None,
+            own_by_edge: None,
             verifier: None,
             views: Views::Pegs,
             prior: None,

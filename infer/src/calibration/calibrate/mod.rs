@@ -15,6 +15,7 @@ use crate::bank::Bank;
 use crate::bank::metric::by_cosine;
 use crate::bank::recorded::tactile_images;
 use crate::bank::views::Views;
+use crate::calibration::own_by_edge::OwnByEdge;
 use crate::calibration::{BLANK_SHARE, Calibration, OfVerifier, Prior, Spread};
 use crate::embedding::model::Model;
 use crate::error::{Error, Result};
@@ -191,12 +192,17 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibration
     // What is for any sensor stays as it was fitted over many.
     let is_one_sensor = touches.matched.len() == 1;
     let n_before = prior.map_or(0.0, |prior| prior.n_touches);
-    let steepness = is_one_sensor.then(|| steepness::steepness(&touches.among_views, n_before)).flatten();
+    let own = touches.among_views.iter().map(AmongViews::own);
+    let own_by_edge = is_one_sensor.then(|| OwnByEdge::from_touches(own)).flatten();
+    let by_edge = |own: OwnByEdge| touches.among_views.iter().map(|touch| touch.by_edge(&own)).collect();
+    let among_views: Vec<AmongViews> = own_by_edge.map_or_else(|| touches.among_views.clone(), by_edge);
+    let steepness = is_one_sensor.then(|| steepness::steepness(&among_views, n_before)).flatten();
     Ok(Calibration {
         low_similarity: low_similarity(&touches.bests, prior).unwrap_or(-1.0),
         matched: matched.map(|matched| matched.all),
         between_sensors: matched.and_then(|matched| matched.between),
         steepness,
+        own_by_edge,
         views: touches.views,
         n_holes: touches.len(),
         verifier: touches.verified.clone().filter(|_| is_one_sensor),

@@ -5,6 +5,7 @@ use tactile_data::dataset::touch::Side;
 
 use crate::bank::Bank;
 use crate::calibration::match_odds::{MatchOdds, OUTLIER_SHARE, distance};
+use crate::calibration::own_by_edge::OwnByEdge;
 
 /// Distances are counted in so many steps; the largest is 2.
 const N_STEPS: usize = 400;
@@ -23,6 +24,9 @@ pub(super) struct AmongViews {
     slope: f64,
     usual: f64,
     own_distance: f64,
+    /// [`MatchOdds::log_edge`].
+    log_edge: f64,
+    distance_by_own: f64,
     /// How many of the bank's views are so far away.
     views: Vec<u32>,
 }
@@ -49,8 +53,21 @@ impl AmongViews {
             slope: steepness * scale,
             usual: steepness * odds.own_distance,
             own_distance: distance(f64::from(own)),
+            log_edge: MatchOdds::log_edge(edge_share),
+            distance_by_own: odds.distance_by_own,
             views,
         }
+    }
+
+    /// How much edge it shows, and how far it is from its own view.
+    pub(super) fn own(&self) -> [f64; 2] {
+        [self.log_edge, self.own_distance]
+    }
+
+    /// The same where distances count by how far touches with as much edge are from their own views.
+    pub(super) fn by_edge(&self, own: &OwnByEdge) -> Self {
+        let counted = own.factor_at(self.log_edge).powf(-self.distance_by_own);
+        Self { slope: self.slope * counted, ..self.clone() }
     }
 
     /// The logarithm of its probability at its own view, each view as likely before, at a factor e to the power `ln_factor`, nats.
@@ -94,7 +111,15 @@ pub(super) mod tests {
             (0..500).for_each(|j| views[step((j as f64 + 0.5) / 500.0)] += 1);
             let own_distance = -(1.0 - (i as f64 + 0.5) / 400.0).ln() * mean;
             views[step(own_distance)] += 1;
-            AmongViews { at_usual: 12.0, slope: 20.0, usual: 8.0, own_distance, views }
+            AmongViews {
+                at_usual: 12.0,
+                slope: 20.0,
+                usual: 8.0,
+                own_distance,
+                log_edge: if i % 2 == 0 { 1.0 } else { 1.5 },
+                distance_by_own: 0.5,
+                views,
+            }
         };
         (0..400).map(touch).collect()
     }
@@ -127,9 +152,20 @@ pub(super) mod tests {
         let mut views = vec![0; N_STEPS + 1];
         // 0.5, 1 and 1, 2.
         [(100, 1), (200, 2), (400, 1)].into_iter().for_each(|(step, n)| views[step] = n);
-        let touch = AmongViews { at_usual: 1.5, slope: 4.0, usual: 2.0, own_distance: 0.5, views };
+        let touch = AmongViews {
+            at_usual: 1.5,
+            slope: 4.0,
+            usual: 2.0,
+            own_distance: 0.5,
+            log_edge: 1.0,
+            distance_by_own: 0.5,
+            views,
+        };
         let f = |d: f64| 0.995 * (1.5 + 0.5 * (2.0 - 4.0 * d)).exp() + 0.005;
         let expected = (f(0.5) / (f(0.5) + 2.0 * f(1.0) + f(2.0))).ln();
         assert!((touch.log_probability(0.5_f64.ln()) - expected).abs() < 1e-12);
+        // Four times as far as on average: a distance counts half, as does a factor of a half but for the usual one.
+        let own = OwnByEdge { by_edge: 4.0_f64.ln(), usual_edge: 2.0 };
+        assert!((touch.by_edge(&own).slope - 2.0).abs() < 1e-12);
     }
 }
