@@ -7,6 +7,9 @@ use crate::calibration::match_odds::MatchOdds;
 /// No sensor's distances change by a higher power of the share of edge.
 pub const MOST_BY_EDGE: f64 = 2.0;
 
+/// A slope is believed as far as it is beyond so many of its standard errors: chance gives more in one of twenty. Ten touches seldom say.
+const ERRORS: f64 = 1.96;
+
 /// Own distances that fall with the logarithm `l` of the share of edge ([`MatchOdds::log_edge`]): `own exp(-b (l - usual))`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -19,7 +22,7 @@ pub struct OwnByEdge {
 
 impl OwnByEdge {
     /// The straight line of least squares through touches: the `l` and the distance of each. Its slope is drawn towards none by how much of it
-    /// chance gives (James and Stein, positive part). `None` where that is all of it, and of touches that do not say.
+    /// chance may give (James and Stein, positive part). `None` where that is all of it, and of touches that do not say.
     pub(super) fn from_touches(touches: impl Iterator<Item = [f64; 2]> + Clone) -> Option<Self> {
         let n = touches.clone().count() as f64;
         let mean = |of: &dyn Fn([f64; 2]) -> f64| touches.clone().map(of).sum::<f64>() / n;
@@ -29,7 +32,7 @@ impl OwnByEdge {
         let left = mean(&|[log_edge, distance]| (distance - own - slope * (log_edge - usual_edge)).powi(2));
         // The variance of the slope: what is left has n - 2 degrees of freedom.
         let by_chance = left / ((n - 2.0) * square);
-        let told = 1.0 - by_chance / slope.powi(2);
+        let told = 1.0 - ERRORS * ERRORS * by_chance / slope.powi(2);
         let by_edge = (-told * slope / own).clamp(-MOST_BY_EDGE, MOST_BY_EDGE);
         (n > 2.0 && told > 0.0 && by_edge.is_finite()).then_some(Self { by_edge, usual_edge })
     }
@@ -62,7 +65,7 @@ mod tests {
         assert!((found.by_edge - 0.4).abs() < 1e-12 && (found.usual_edge - 1.0).abs() < 1e-12, "{found:?}");
         // By hand: squares of 0.05, 0.15, .. 0.95 are 6.65 / 20 on average; errors of 0.1 have a variance of 0.01 * 40 / 38.
         let (slope, by_chance) = (0.7 * 0.4, 0.01 / (38.0 * 0.3325));
-        let expected = 0.4 * (1.0 - by_chance / (slope * slope));
+        let expected = 0.4 * (1.0 - 1.96 * 1.96 * by_chance / (slope * slope));
         let noisy = OwnByEdge::from_touches(along(0.4, 0.1)).unwrap();
         assert!((noisy.by_edge - expected).abs() < 1e-12 && noisy.by_edge < 0.4, "{noisy:?} {expected}");
         // Half as far as on average where l is more by ln 2 / 0.4.
