@@ -12,7 +12,7 @@
 //! The distance `|q - k|` is the root of `2 (1 - cosine)`: errors of embeddings are spread as a Laplace distribution is, not as
 //! a normal one, so that a logarithm linear in the distance explains touches better than one linear in the cosine, which is its
 //! square. `own` is how far touches are from their own views on average, in this bank; where that is more than usual, under a rough
-//! sensor, distances count for less. How rare a touch is in the world is
+//! sensor, distances count for less; a user's calibration says how it falls with `l` ([`super::own_by_edge`]). How rare a touch is in the world is
 //! linear in its embedding as the network gives it. What nobody recorded, and a part that is not in the bank, are the world: log-odds of 0.
 
 use serde::{Deserialize, Serialize};
