@@ -38,7 +38,7 @@ numbers! {
         distance_by_own: f64 = 0.42, "", Range::ANY,
             Measured: "fit; without one, the shipped model's"; "a rough sensor's touches say too much";
         /// b: so much farther touches with less edge are from their own views, `own exp(-b (l - own_edge))` by the logarithm `l` of the edge
-        /// ([`MatchOdds::log_edge`]).
+        /// ([`log_edge`](tactile_infer::calibration::match_odds::MatchOdds::log_edge)).
         own_by_edge: f64 = 0.0, "", Range::BY_EDGE,
             Measured: "`tactile-infer calibrate`; else 0"; "a rough sensor's touches at a rim are believed too much, and chosen";
         /// The `l` at which touches are as far as on average.

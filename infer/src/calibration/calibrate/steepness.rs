@@ -116,7 +116,7 @@ pub(super) mod tests {
                 slope: 20.0,
                 usual: 8.0,
                 own_distance,
-                log_edge: if i % 2 == 0 { 1.0 } else { 1.5 },
+                log_edge: 1.0,
                 distance_by_own: 0.5,
                 views,
             }
