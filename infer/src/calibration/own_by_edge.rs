@@ -8,6 +8,7 @@ use crate::calibration::match_odds::MatchOdds;
 pub const MOST_BY_EDGE: f64 = 2.0;
 
 /// A slope is believed as far as it is beyond so many of its standard errors: chance gives more in one of twenty. Ten touches seldom say.
+#[cfg(feature = "datasets")]
 const ERRORS: f64 = 1.96;
 
 /// Own distances that fall with the logarithm `l` of the share of edge ([`MatchOdds::log_edge`]): `own exp(-b (l - usual))`.
@@ -23,6 +24,7 @@ pub struct OwnByEdge {
 impl OwnByEdge {
     /// The straight line of least squares through touches: the `l` and the distance of each. Its slope is drawn towards none by how much of it
     /// chance may give (James and Stein, positive part). `None` where that is all of it, and of touches that do not say.
+    #[cfg(feature = "datasets")]
     pub(super) fn from_touches(touches: impl Iterator<Item = [f64; 2]> + Clone) -> Option<Self> {
         let n = touches.clone().count() as f64;
         let mean = |of: &dyn Fn([f64; 2]) -> f64| touches.clone().map(of).sum::<f64>() / n;
@@ -47,7 +49,7 @@ impl OwnByEdge {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "datasets"))]
 mod tests {
     use super::*;
 
