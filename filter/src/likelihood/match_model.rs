@@ -35,7 +35,7 @@ pub(crate) struct Odds {
 impl MatchModel {
     /// The model of a touch with this rarity and share of edge, whose bank's touches are so far from their own views.
     pub fn of_odds(model: &TouchModel, [rarity, own_distance]: [f64; 2], edge_share: f32) -> Self {
-        Self::Odds(Odds::new(model, [rarity, own_distance], edge_share))
+        Self::Odds(Odds::new(model, [rarity, model.own_at(own_distance, edge_share)], edge_share))
     }
 
     /// The same against what nobody recorded, which has these log-odds.
@@ -136,8 +136,9 @@ impl Foreseen {
     /// nobody recorded; `new_share` of it is new.
     pub fn new(model: &TouchModel, felt: Felt, edge_share: f32, new_share: f64) -> Self {
         let Felt { rarity, own_distance, unknown } = felt;
+        let own_distance = model.own_at(own_distance, edge_share);
         let odds = Odds::new(model, [rarity, own_distance], edge_share).against(unknown);
-        Self { odds, own_square: model.own_at(own_distance, edge_share).powi(2), new_share }
+        Self { odds, own_square: own_distance * own_distance, new_share }
     }
 
     /// The likelihood at views by their cosines with the one touched. The power of a sum is taken as the sum of powers.
@@ -160,7 +161,7 @@ impl Odds {
     fn new(model: &TouchModel, [rarity, own_distance]: [f64; 2], edge_share: f32) -> Self {
         let steepness = model.steepness * (model.steepness_by_edge * MatchOdds::log_edge(edge_share)).exp();
         let usual = model.own_distance;
-        let counted = (usual / model.own_at(own_distance, edge_share)).powf(model.distance_by_own);
+        let counted = (usual / own_distance).powf(model.distance_by_own);
         // Of a bank whose touches are at their own views, say, or infinitely far: as usual.
         let counted = if counted.is_finite() { counted } else { 1.0 };
         let at_usual = (steepness * usual).min(MOST);
