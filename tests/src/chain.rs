@@ -163,8 +163,8 @@ fn pegs_are_named_among_pegs_and_refused_where_holes_are_asked_for() {
 #[test]
 fn recorded_holes_are_played_one_episode_a_part() {
     let sample = Sample::shared();
-    let args = ["replay", "--model", "model/model.safetensors", "--bank", "pegs.bank", "--data", "holes", "--json"];
-    let replayed = run("tactile-filter", sample.folder(), &args);
+    let args = ["replay", "--model", "model/model.safetensors", "--bank", "pegs.bank", "--data", "holes"];
+    let replayed = run("tactile-filter", sample.folder(), &[&args[..], &["--json"]].concat());
     let lines: Vec<Value> = replayed.done().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let truths: Vec<_> = lines.iter().map(|line| line["truth"].as_str().unwrap_or_default()).collect();
     assert_eq!(truths, ["T", "X"]);
@@ -173,5 +173,15 @@ fn recorded_holes_are_played_one_episode_a_part() {
         assert!((1..=10).contains(&n_touches), "{line}");
         assert!(["T", "X"].contains(&line["part"].as_str().unwrap()), "{line}");
         assert!((0.0..=1.0).contains(&line["probability"].as_f64().unwrap()), "{line}");
+    }
+    // The same for a person: how sure it is comes before the name.
+    let told = run("tactile-filter", sample.folder(), &args);
+    let told = told.done().lines().filter(|line| line.starts_with("episode"));
+    for (line, said) in lines.iter().zip(told) {
+        let confident = line["confident"] == true;
+        let refused = line["stop"] == "none-of-these";
+        assert_eq!([said.contains(" surely "), said.contains(" none of these, ")], [confident, refused], "{said}");
+        // The default rate.
+        assert!(!confident || line["stranger_rate"].as_f64().unwrap() <= 0.01, "{line}");
     }
 }

@@ -44,6 +44,12 @@ pub struct Replayed {
     pub truth: Option<String>,
     /// Whether the filter would act on this: confident, and nothing in the touches to doubt it.
     pub confident: bool,
+    /// The probability that it is none of the bank's parts, before which a stranger was as likely, 0..=1; left out where no edge was felt.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub none_probability: Option<f64>,
+    /// The share of strangers' episodes that look this much like a part of the bank, 0..=1; left out where no edge was felt.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stranger_rate: Option<f64>,
     /// Why the filter stopped; left out where the recording ended first.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stop: Option<StopReason>,
@@ -152,6 +158,8 @@ pub fn play(
         truth: dataset.touch(first.frame).part.clone(),
         confident: estimate.stop == Some(StopReason::Confident)
             && !estimate.warnings.iter().any(Warning::is_of_touches),
+        none_probability: estimate.presence.map(|presence| presence.none()),
+        stranger_rate: estimate.presence.map(|presence| presence.stranger_rate),
         or: estimate.second().map(|other| (other.part.clone(), other.probability)),
         stop: estimate.stop,
         warnings: estimate.warnings.iter().map(ToString::to_string).collect(),

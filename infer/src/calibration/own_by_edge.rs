@@ -34,9 +34,9 @@ impl OwnByEdge {
         let left = mean(&|[log_edge, distance]| (distance - own - slope * (log_edge - usual_edge)).powi(2));
         // The variance of the slope: what is left has n - 2 degrees of freedom.
         let by_chance = left / ((n - 2.0) * square);
-        let told = 1.0 - ERRORS * ERRORS * by_chance / slope.powi(2);
-        let by_edge = (-told * slope / own).clamp(-MOST_BY_EDGE, MOST_BY_EDGE);
-        (n > 2.0 && told > 0.0 && by_edge.is_finite()).then_some(Self { by_edge, usual_edge })
+        let beyond_chance = 1.0 - ERRORS * ERRORS * by_chance / slope.powi(2);
+        let by_edge = (-beyond_chance * slope / own).clamp(-MOST_BY_EDGE, MOST_BY_EDGE);
+        (n > 2.0 && beyond_chance > 0.0 && by_edge.is_finite()).then_some(Self { by_edge, usual_edge })
     }
 
     /// How many times as far as on average a touch with this share of edge is from its own view.

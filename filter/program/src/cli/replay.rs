@@ -227,12 +227,20 @@ impl Replay {
             Some((part, probability)) => format!(" or {part} with {:.1} %", 100.0 * probability),
             None => String::new(),
         };
+        let how = match replayed.stop {
+            _ if replayed.confident => "surely",
+            Some(StopReason::NoneOfThese) => "none of these, nearest",
+            _ => "perhaps",
+        };
         program::say(format_args!(
-            "episode {number}: {} touches, {} with {:.1} %{or}, x {x:.1} mm, y {y:.1} mm, theta {theta:.0} deg{twins}{truth}",
+            "episode {number}: {} touches, {how} {} with {:.1} %{or}, x {x:.1} mm, y {y:.1} mm, theta {theta:.0} deg{twins}{truth}",
             replayed.frames.len(),
             replayed.part,
             100.0 * replayed.probability
         ));
+        if let (false, Some(rate)) = (replayed.confident, replayed.stranger_rate) {
+            program::say(format_args!("  a stranger feels as much like a part in {:.1} % of its episodes", 100.0 * rate));
+        }
         if let Some(Difference { seen_mm2, only_first_mm2, only_second_mm2 }) = replayed.difference {
             program::say(format_args!(
                 "  of {seen_mm2:.0} mm2 felt, {only_first_mm2:.0} are inside here and outside of {0}, {only_second_mm2:.0} the other way round",
