@@ -239,7 +239,10 @@ impl Replay {
             100.0 * replayed.probability
         ));
         if let (false, Some(rate)) = (replayed.confident, replayed.stranger_rate) {
-            program::say(format_args!("  a stranger feels as much like a part in {:.1} % of its episodes", 100.0 * rate));
+            program::say(format_args!(
+                "  a stranger feels as much like a part in {:.1} % of its episodes",
+                100.0 * rate
+            ));
         }
         if let Some(Difference { seen_mm2, only_first_mm2, only_second_mm2 }) = replayed.difference {
             program::say(format_args!(
