@@ -435,8 +435,7 @@ impl Bank {
         &self.neighbours
     }
 
-    /// Why touches of a side do not suit this bank, and how to make one that they do, for people; `None` where they do, as far
-    /// as is known.
+    /// Why touches of a side do not suit this bank or its maps, and what to do, for people; `None` where they do, as far as is known.
     pub fn other_side(&self, touched: Side) -> Option<&'static str> {
         let learning = self.metric().and_then(Metric::learning);
         let is_learnt_from_others = learning.is_some_and(|learning| !learning.from.sides().contains(&touched));
@@ -447,7 +446,13 @@ impl Bank {
             Side::Peg if !self.views.is_pegs() || is_learnt_from_others => {
                 Some("pegs are touched, and the bank is made for holes: make one with --views pegs --learn-from peg")
             }
-            _ => None,
+            _ if self.verifier().is_none() || self.presence(touched).is_some() => None,
+            Side::Hole => {
+                Some("holes are touched, for which these maps have no fit: cosines alone say how sure a name is")
+            }
+            Side::Peg => {
+                Some("pegs are touched, for which these maps have no fit: cosines alone say how sure a name is")
+            }
         }
     }
 

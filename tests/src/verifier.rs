@@ -198,7 +198,8 @@ fn strangers_are_told_from_parts(at: &Path, model: &str) {
         let to = ["--set", "stop_probability=0.4", "--shard", "1/1", "--out", out];
         run("tactile-filter", at, &[&given[..], &ways, &to, more].concat())
     };
-    evaluate(JUDGE, "there", &["--episodes", "120"]).done();
+    let no_fit = "holes are touched, for which these maps have no fit";
+    assert!(evaluate(JUDGE, "there", &["--episodes", "120"]).stderr.contains(no_fit));
     evaluate(JUDGE, "strangers", &["--episodes", "120", "--absent", "--drawn-sensor", "3", "--drawn-light", "3"])
         .done();
     let certify = |more: &[&str]| run("tactile-filter", at, &[&["certify", "there"], more].concat());
@@ -222,7 +223,8 @@ fn strangers_are_told_from_parts(at: &Path, model: &str) {
     let stored = stored.presence(Side::Hole).unwrap();
     assert!(stored.by_verifier == 0.0 && stored.by_touch != odds.by_touch, "{stored:?}");
     // What is stored decides: the same episodes with other odds of a part that is there.
-    evaluate("certified.safetensors", "again", &["--episodes", "12"]).done();
+    let again = evaluate("certified.safetensors", "again", &["--episodes", "12"]);
+    assert!(again.done().contains("episodes 0..12") && !again.stderr.contains(no_fit), "{again:?}");
     let presence = |folder: &str| {
         let text = fs::read_to_string(at.join(folder).join("shard-1-of-1.json")).unwrap();
         let shard: Value = serde_json::from_str(&text).unwrap();

@@ -42,7 +42,7 @@
 #define TF_WARNING_NOTHING_SEEN 2
 
 /**
- * Bit of tf_estimate.warnings: the bank is made for the other side than the one that is touched.
+ * Bit of tf_estimate.warnings: the bank, or the fit of its maps, is for the other side than the one that is touched.
  */
 #define TF_WARNING_OTHER_SIDE 4
 

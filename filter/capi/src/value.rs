@@ -83,7 +83,7 @@ pub const TF_ROUND: usize = 360;
 pub const TF_WARNING_LOW_SIMILARITY: u32 = 1;
 /// Bit of tf_estimate.warnings: every touch was blank, no edge was ever seen.
 pub const TF_WARNING_NOTHING_SEEN: u32 = 2;
-/// Bit of tf_estimate.warnings: the bank is made for the other side than the one that is touched.
+/// Bit of tf_estimate.warnings: the bank, or the fit of its maps, is for the other side than the one that is touched.
 pub const TF_WARNING_OTHER_SIDE: u32 = 4;
 /// Bit of tf_estimate.warnings: what was felt is longer or shorter than the named part, which is not named with confidence.
 pub const TF_WARNING_OTHER_SIZE: u32 = 8;

@@ -110,9 +110,9 @@ pub enum Warning {
         /// Their standard deviations.
         sd: [f64; 2],
     },
-    /// The bank is made for the other side than the one that is touched.
+    /// The bank, or the fit of its maps, is for the other side than the one that is touched.
     OtherSide {
-        /// What is touched, what the bank is made for, and how to make one that suits ([`Bank::other_side`]).
+        /// What is touched, what the bank is made for, and what to do ([`Bank::other_side`]).
         why: &'static str,
     },
 }

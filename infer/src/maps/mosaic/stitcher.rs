@@ -48,11 +48,7 @@ impl Stitcher {
         Self::laid(touches, part_from_first, |stitcher, map, pose| stitcher.lay(map, pose, |_, _| ()))
     }
 
-    fn laid(
-        touches: &[Drawing<'_>],
-        part_from_first: &Se2,
-        add: impl Fn(&mut Self, &DrawnMap, &Se2),
-    ) -> Option<Self> {
+    fn laid(touches: &[Drawing<'_>], part_from_first: &Se2, add: impl Fn(&mut Self, &DrawnMap, &Se2)) -> Option<Self> {
         let view_mm = touches.first()?.map.view_mm;
         let poses: Vec<Se2> = touches.iter().map(|touch| *part_from_first * touch.first_from_sensor).collect();
         let farthest = poses.iter().map(|pose| pose.x_mm.abs().max(pose.y_mm.abs())).fold(0.0, f64::max);
