@@ -176,7 +176,8 @@ fn recorded_holes_are_played_one_episode_a_part() {
     }
     // The same for a person: how sure it is comes before the name.
     let told = run("tactile-filter", sample.folder(), &args);
-    let told = told.done().lines().filter(|line| line.starts_with("episode"));
+    let told: Vec<&str> = told.done().lines().filter(|line| line.starts_with("episode")).collect();
+    assert_eq!(told.len(), lines.len());
     for (line, said) in lines.iter().zip(told) {
         let confident = line["confident"] == true;
         let refused = line["stop"] == "none-of-these";

@@ -199,7 +199,8 @@ fn strangers_are_told_from_parts(at: &Path, model: &str) {
         run("tactile-filter", at, &[&given[..], &ways, &to, more].concat())
     };
     let no_fit = "holes are touched, for which these maps have no fit";
-    assert!(evaluate(JUDGE, "there", &["--episodes", "120"]).stderr.contains(no_fit));
+    let there = evaluate(JUDGE, "there", &["--episodes", "120"]);
+    assert!(there.done().contains("episodes 0..120") && there.stderr.contains(no_fit), "{there:?}");
     evaluate(JUDGE, "strangers", &["--episodes", "120", "--absent", "--drawn-sensor", "3", "--drawn-light", "3"])
         .done();
     let certify = |more: &[&str]| run("tactile-filter", at, &[&["certify", "there"], more].concat());
