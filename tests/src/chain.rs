@@ -175,10 +175,10 @@ fn recorded_holes_are_played_one_episode_a_part() {
         assert!((0.0..=1.0).contains(&line["probability"].as_f64().unwrap()), "{line}");
     }
     // The same for a person: how sure it is comes before the name.
-    let told = run("tactile-filter", sample.folder(), &args);
-    let told: Vec<&str> = told.done().lines().filter(|line| line.starts_with("episode")).collect();
-    assert_eq!(told.len(), lines.len());
-    for (line, said) in lines.iter().zip(told) {
+    let printed = run("tactile-filter", sample.folder(), &args);
+    let printed: Vec<&str> = printed.done().lines().filter(|line| line.starts_with("episode")).collect();
+    assert_eq!(printed.len(), lines.len());
+    for (line, said) in lines.iter().zip(printed) {
         let confident = line["confident"] == true;
         let refused = line["stop"] == "none-of-these";
         assert_eq!([said.contains(" surely "), said.contains(" none of these, ")], [confident, refused], "{said}");

@@ -301,7 +301,7 @@ impl<'a> Mosaic<'a> {
 
     /// The same of touches where they were made; `None` without any, too.
     pub fn misfit_of(&self, touches: &[Drawing<'_>], part_from_first: &Se2, strain: f64) -> Option<f64> {
-        self.misfit(&Stitcher::of_outlines(touches, part_from_first)?, strain)
+        self.misfit(&Stitcher::of_touches(touches, part_from_first)?, strain)
     }
 
     /// The distance at a place and how it changes.

@@ -40,34 +40,16 @@ impl Stitcher {
 
     /// Touches of one part, laid at its pose; `None` without any.
     pub fn of_touches(touches: &[Drawing<'_>], part_from_first: &Se2) -> Option<Self> {
-        Self::laid(touches, part_from_first, Self::add)
-    }
-
-    /// The same with distances alone, in less time: nothing is inside or in contact.
-    pub(super) fn of_outlines(touches: &[Drawing<'_>], part_from_first: &Se2) -> Option<Self> {
-        Self::laid(touches, part_from_first, |stitcher, map, pose| stitcher.lay(map, pose, |_, _| ()))
-    }
-
-    fn laid(touches: &[Drawing<'_>], part_from_first: &Se2, add: impl Fn(&mut Self, &DrawnMap, &Se2)) -> Option<Self> {
         let view_mm = touches.first()?.map.view_mm;
         let poses: Vec<Se2> = touches.iter().map(|touch| *part_from_first * touch.first_from_sensor).collect();
         let farthest = poses.iter().map(|pose| pose.x_mm.abs().max(pose.y_mm.abs())).fold(0.0, f64::max);
         let mut stitcher = Self::around(farthest, view_mm);
-        touches.iter().zip(&poses).for_each(|(touch, pose)| add(&mut stitcher, touch.map, pose));
+        touches.iter().zip(&poses).for_each(|(touch, pose)| stitcher.add(touch.map, pose));
         Some(stitcher)
     }
 
     /// Adds a touch: its map, and where it was made.
     pub fn add(&mut self, map: &DrawnMap, part_from_sensor: &Se2) {
-        self.lay(map, part_from_sensor, |sum, corners| {
-            let between = |values: &[f32]| f64::from(corners.between(|at| values[at]));
-            sum.insides += between(&map.inside);
-            sum.contacts += between(&map.contact);
-        });
-    }
-
-    /// Adds a touch's distances, and what else there is to add to a cell between four of its pixels.
-    fn lay(&mut self, map: &DrawnMap, part_from_sensor: &Se2, more: impl Fn(&mut Sums, &Corners)) {
         let ([width, height], view_mm) = (map.size_px, map.view_mm);
         let sensor_from_part = part_from_sensor.inverse();
         let reach = 0.5 * view_mm[0].hypot(view_mm[1]);
@@ -92,7 +74,8 @@ impl Stitcher {
                 let mm = between(&map.distance_mm);
                 sum.distances += weight * mm;
                 sum.squares += weight * mm * mm;
-                more(sum, &corners);
+                sum.insides += between(&map.inside);
+                sum.contacts += between(&map.contact);
                 sum.n += 1.0;
             }
         }
