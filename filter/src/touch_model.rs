@@ -37,12 +37,12 @@ numbers! {
         /// rough sensor, a distance says less.
         distance_by_own: f64 = 0.42, "", Range::ANY,
             Measured: "fit; without one, the shipped model's"; "a rough sensor's touches say too much";
-        /// b: so much farther touches with less edge are from their own views, `own exp(-b (l - own_edge))` by the logarithm `l` of the edge
+        /// b: so much farther touches with less edge are from their own views, `own exp(-b (l - usual_edge))` by the logarithm `l` of the edge
         /// ([`log_edge`](tactile_infer::calibration::match_odds::MatchOdds::log_edge)).
         own_by_edge: f64 = 0.0, "", Range::BY_EDGE,
             Measured: "`tactile-infer calibrate`; else 0"; "a rough sensor's touches at a rim are believed too much, and chosen";
         /// The `l` at which touches are as far as on average.
-        own_edge: f64 = 0.0, "", Range::ANY,
+        usual_edge: f64 = 0.0, "", Range::ANY,
             Measured: "`tactile-infer calibrate`"; "touches are taken to be farther off, or nearer, than they are";
         /// Share of the touches that are of something else than they were meant for: a slip, a crumb. It bounds what one
         /// touch can cost a state, to the log of it. Zero: one bad match can rule a state out for good.
@@ -181,7 +181,7 @@ impl TouchModel {
             low_similarity: calibration.low_similarity,
             steepness: of_model.steepness * calibration.steepness.unwrap_or(1.0),
             own_by_edge: calibration.own_by_edge.map_or(of_model.own_by_edge, |own| own.by_edge),
-            own_edge: calibration.own_by_edge.map_or(of_model.own_edge, |own| own.usual_edge),
+            usual_edge: calibration.own_by_edge.map_or(of_model.usual_edge, |own| own.usual_edge),
             ..of_model
         }
     }
@@ -249,7 +249,7 @@ impl TouchModel {
 
     /// How far a touch with this share of edge is from its own view, where touches are so far on average.
     pub(crate) fn own_at(&self, own_distance: f64, edge_share: f32) -> f64 {
-        own_distance * OwnByEdge { by_edge: self.own_by_edge, usual_edge: self.own_edge }.factor(edge_share)
+        own_distance * OwnByEdge { by_edge: self.own_by_edge, usual_edge: self.usual_edge }.factor(edge_share)
     }
 
     /// Whether a touch, or a view, with this share of edge pixels is blank.

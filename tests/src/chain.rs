@@ -142,7 +142,8 @@ fn a_bank_that_learnt_learns_again_without_the_absent_part() {
 #[test]
 fn pegs_are_named_among_pegs_and_refused_where_holes_are_asked_for() {
     let sample = Sample::shared();
-    let inputs = ["--model", "model/model.safetensors", "--bank", "pegs.bank", "--data", "pegs", "--max-touches", "1"];
+    let inputs =
+        ["--model", "model/model.safetensors", "--bank", "pegs.bank", "--data", "pegs", "--set", "max_touches=1"];
     let play = |side: &[&str]| {
         let args = [&["replay", "--json"], &inputs[..], side].concat();
         run("tactile-filter", sample.folder(), &args)

@@ -125,20 +125,28 @@ fn stopped(outcome: &Outcome, config: &EpisodeConfig) -> Option<(usize, StopReas
     outcome.scored.iter().enumerate().find_map(reason)
 }
 
-/// After each number of touches the episodes of each half (even and odd numbers, from that of the first outcome, 0) that
-/// name the right part, those that the rule of `config` would have ended as confident by then, and what all spent until it
-/// ended them.
+/// After each number of touches the episodes of each half that name the right part, those that the rule of `config` would have
+/// ended as confident by then, and what all spent until it ended them. Of several parts every second one to come is of the
+/// other half, of a single part every second episode.
 pub fn halves(outcomes: &[Outcome], config: &EpisodeConfig) -> Vec<Halves> {
     let n_touches = outcomes.iter().map(|outcome| outcome.scored.len()).min().unwrap_or(0);
     let mut all = vec![Halves::default(); n_touches];
+    let mut parts: Vec<usize> = Vec::new();
+    for Outcome { part, .. } in outcomes {
+        if !parts.contains(part) {
+            parts.push(*part);
+        }
+    }
     for (index, outcome) in outcomes.iter().enumerate() {
+        let place = if parts.len() < 2 { Some(index) } else { parts.iter().position(|part| *part == outcome.part) };
+        let chooses = place.is_some_and(|place| place % 2 == 0);
         let stopped = stopped(outcome, config);
         let decided = match stopped {
             Some((at, StopReason::Confident)) => Some((at, outcome.scored[at].right)),
             _ => None,
         };
         for (n, (halves, scored)) in all.iter_mut().zip(&outcome.scored).enumerate() {
-            let half = if index % 2 == 0 { &mut halves.choosing } else { &mut halves.promising };
+            let half = if chooses { &mut halves.choosing } else { &mut halves.promising };
             let decided = decided.filter(|(at, _)| *at <= n);
             half.n_episodes += 1;
             half.n_right += usize::from(scored.right);
@@ -386,6 +394,12 @@ mod tests {
         let config = EpisodeConfig::default();
         let found = halves(&outcomes, &config);
         assert_eq!(found.len(), 6);
+        // Parts 7, 2 and 5 in turn: 7 and 5 choose, what 2 comes to is promised.
+        let of_parts = outcomes.iter().enumerate().map(|(n, of)| Outcome { part: [7, 2, 5][n % 3], ..of.clone() });
+        let of_two = outcomes.iter().skip(1).step_by(3).filter(|of| of.scored[0].right).count();
+        let by_parts = halves(&of_parts.collect::<Vec<_>>(), &config)[0];
+        assert_eq!((by_parts.promising.n_episodes, by_parts.promising.n_right), (34, of_two));
+        assert_eq!(by_parts.together().n_right, found[0].together().n_right);
         for (at, halves) in found.iter().enumerate() {
             for (first, half) in [(0, halves.choosing), (1, halves.promising)] {
                 let cut = |o: &Outcome| Outcome {

@@ -28,7 +28,7 @@ use tactile_filter::choice::ActionRule;
 pub const TOUCHES: [usize; 6] = [1, 2, 3, 4, 6, 10];
 
 /// Episodes that are timed, one after the other on one core.
-const TIMED: usize = 10;
+const TIMED: usize = 200;
 
 /// Seconds of made-up decisions.
 const PACE_S: f64 = 0.5;
@@ -63,8 +63,8 @@ pub struct Planned {
 }
 
 /// The settings of a sweep over some models, the first of which is turned at every knob: from a lean and the default
-/// setting each knob alone, a rich one, and the leanest there are; from both with maps where `has_maps`. From the default other
-/// rates of strangers, with maps, too, and with strangers. None twice.
+/// setting each knob alone, a rich one, and the leanest there are; with maps where `has_maps` from the default each knob alone, too. From
+/// the default other rates of strangers, with maps, too, and with strangers. None twice.
 ///
 /// # Errors
 /// No model.
@@ -78,12 +78,12 @@ pub fn plan(models: &[Arc<Model>], has_maps: bool) -> Result<Vec<Planned>> {
     };
     let default = of(first, [2.0, 15.0]);
     let lean = Setup { subdivisions: 1, ..with_effort(&of(first, [4.0, 15.0]), EFFORTS[1]) };
-    let by_maps = [&default, &lean].into_iter().filter(|_| has_maps).flat_map(verified);
     let mapped = Setup { verify: EpisodeConfig::default().settings.verify.into(), ..default.clone() };
+    let by_maps = has_maps.then(|| [&verified(&default)[..], &verified(&lean), &turned(&mapped)].concat());
     let risked = [Some(&default), has_maps.then_some(&mapped)];
     let by_rate = risked.into_iter().flatten().flat_map(at_rates);
     let of_first = [turned(&default), turned(&lean), rich(&default), engines(&default), least(&default)].concat();
-    let of_first = of_first.into_iter().chain(by_maps).chain(by_rate);
+    let of_first = of_first.into_iter().chain(by_maps.into_iter().flatten()).chain(by_rate);
     let of_others = models.iter().enumerate().skip(1).flat_map(|(index, model)| {
         let Setup { model, model_sha256, .. } = of(model, [2.0, 15.0]);
         [&default, &lean]

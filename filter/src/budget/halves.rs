@@ -8,9 +8,9 @@ use super::speeds::Speeds;
 /// luck, too: what is promised are the figures of other episodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Halves {
-    /// The episodes of even number, from 0: by these a setting is chosen.
+    /// The episodes of every second part: by these a setting is chosen.
     pub choosing: Half,
-    /// The episodes of odd number: what they came to is promised.
+    /// Those of the other parts: what they came to is promised.
     pub promising: Half,
 }
 

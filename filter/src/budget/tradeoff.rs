@@ -69,8 +69,8 @@ pub struct Point {
     pub pace_ms: f64,
     /// What an episode of these touches holds, 10^6 bytes.
     pub memory_mb: f64,
-    /// Whether another point with the same rate of strangers is no worse in episodes decided and right, in accuracy, in robot
-    /// seconds for each of these (all of the choosing half), in time and in the memory of the most touches, and better in one.
+    /// Whether another point with the same rate of strangers is no worse in episodes decided and right, in robot seconds for each
+    /// of these (both of the choosing half) and in time, and better in one.
     pub dominated: bool,
 }
 
@@ -235,15 +235,11 @@ impl Tradeoff {
 
     /// Marks the points that another one dominates ([`Point::dominated`]).
     pub fn mark_dominated(&mut self) {
-        let most_mb = |of: &Setup| {
-            let same = self.points.iter().filter(|point| point.settings == *of);
-            same.map(|point| point.memory_mb).fold(0.0, f64::max)
+        let decided = |p: &Point| {
+            let of = p.halves.choosing;
+            vec![-of.decided_and_right(), p.decision_ms_p50, of.seconds_by_decided(&self.speeds)]
         };
-        let costs = |p: &Point| {
-            let robot_s = p.halves.choosing.seconds_by_decided(&self.speeds);
-            vec![p.decision_ms_p50, robot_s, most_mb(&p.settings)]
-        };
-        let dominated = self.dominated_by(costs);
+        let dominated = self.dominated_in(decided);
         for (point, dominated) in self.points.iter_mut().zip(dominated) {
             point.dominated = dominated;
         }
@@ -254,22 +250,21 @@ impl Tradeoff {
         let keep = |p: &&Point| p.settings.model_sha256 == model_sha256;
         let mut of_model = Self { points: self.points.iter().filter(keep).cloned().collect(), ..self.clone() };
         of_model.mark_dominated();
-        let costs = |p: &Point| {
-            let Half { touches, travel_mm, .. } = p.halves.choosing;
-            vec![p.decision_ms_p50, p.memory_mb, p.n_touches as f64, touches as f64, travel_mm]
+        let chosen = |p: &Point| {
+            let ([decided, right], Half { touches, travel_mm, .. }) = (p.worth(), p.halves.choosing);
+            vec![-decided, -right, p.decision_ms_p50, p.memory_mb, p.n_touches as f64, touches as f64, travel_mm]
         };
-        let dominated = of_model.dominated_by(costs);
+        let dominated = of_model.dominated_in(chosen);
         let best = of_model.points.iter().zip(dominated).filter(|(_, dominated)| !dominated);
         let kept: Vec<Setup> = best.map(|(point, _)| point.settings.clone()).collect();
         of_model.points.retain(|point| kept.contains(&point.settings));
         of_model
     }
 
-    /// For each point whether another one with the same rate of strangers is worth no less and costs no more, and is better in
-    /// one.
-    fn dominated_by(&self, costs: impl Fn(&Point) -> Vec<f64>) -> Vec<bool> {
-        let of = |p: &Point| (p.settings.false_accept, [p.worth().map(|share| -share).to_vec(), costs(p)].concat());
-        let all: Vec<(Option<f64>, Vec<f64>)> = self.points.iter().map(of).collect();
+    /// For each point whether another one with the same rate of strangers is no higher in any of these, and lower in one.
+    fn dominated_in(&self, least: impl Fn(&Point) -> Vec<f64>) -> Vec<bool> {
+        let all: Vec<(Option<f64>, Vec<f64>)> =
+            self.points.iter().map(|point| (point.settings.false_accept, least(point))).collect();
         let is_beaten = |(rate, mine): &(Option<f64>, Vec<f64>)| {
             let no_worse = |other: &[f64]| other.iter().zip(mine).all(|(a, b)| a <= b) && other != mine;
             all.iter().any(|(of, other)| of == rate && no_worse(other))
@@ -432,7 +427,7 @@ mod tests {
         assert_eq!(choose(&points, None).halves.promising.decided_and_right(), 0.85);
         assert_eq!(choose(&points, Some(2)).settings.n_draws, 9);
         let kept: Vec<bool> = tradeoff(points).points.iter().map(|p| !p.dominated).collect();
-        assert_eq!(kept, [true, true, true, true, false]);
+        assert_eq!(kept, [true, true, true, false, false]);
     }
 
     #[test]

@@ -52,7 +52,7 @@ pub fn decision(workspace: &Workspace, args: &DecisionArgs) -> Result<()> {
     let scene = "alphabet-small-dev";
     let bank = bench.bank(scene, true)?;
     budgets(&|ms, touches| {
-        bench.evaluate(scene, &bank, &format!("--poses off-grid --budget-ms {ms} --max-touches {touches}"))
+        bench.evaluate(scene, &bank, &format!("--poses off-grid --budget ms={ms},touches={touches}"))
     })
 }
 

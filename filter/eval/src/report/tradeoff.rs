@@ -97,8 +97,7 @@ fn about(tradeoff: &Tradeoff) -> Markup {
             "choose the next touch. " b { "Robot seconds" } " are those of the touches and of the ways between them (" (speeds.touch_s)
             " s a touch, " (speeds.mm_s) " mm/s), until the stopping rule ends an episode or its touches are used up. "
             " An episode is " b { "decided and right" } " if the stopping rule ended it as confident by then and its part was "
-            "right. Half of the episodes (of even number) choose among the settings; what a budget promises is what the other "
-            "half found."
+            "right. Half of the parts choose among the settings; what a budget promises is what the other half found."
             @if !tradeoff.recorded {
                 " Where the scene is one of letters for tuning, what is chosen here says nothing in advance about the letters of "
                 "the evaluation."
@@ -153,8 +152,8 @@ pub(crate) fn planes(tradeoff: &Tradeoff) -> Markup {
     figure(
         planes,
         "A dot is a setting after a number of touches; point at one to read what it is. Blue: nothing else that names strangers as \
-        rarely is as accurate, decides as much, is as fast, takes as few robot seconds for each hole that it decides and as little \
-        memory at once. Grey: something else is. The line is the best that can be had for the cost on the axis, at any other cost.",
+        rarely decides as much, is as fast and takes as few robot seconds for each hole that it decides. Grey: something else is. \
+        The line is the best that can be had for the cost on the axis, at any other cost.",
     )
 }
 

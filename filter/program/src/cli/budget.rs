@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use clap::{ArgGroup, Args};
+use clap::Args;
 use tactile_data::file::bounded_file::{self, Kind};
 use tactile_data::frame::Frame;
 use tactile_data::pose::grid::PoseGrid;
@@ -25,30 +25,21 @@ const CALIBRATION_S: f64 = 10.0;
 
 /// What there is to spend.
 #[derive(Args)]
-#[command(next_help_heading = "Budget", group = ArgGroup::new("spent").multiple(true))]
+#[command(next_help_heading = "Budget")]
 pub struct BudgetArgs {
-    /// Choose the settings with which most episodes end sure and right within --max-touches and whose decisions take at
-    /// most this (median, one core), ms. Ten seconds go into finding how fast this machine is
-    #[arg(long, value_name = "MS", value_parser = positive, group = "spent")]
-    budget_ms: Option<f64>,
-    /// Choose the settings with which most episodes end sure and right and that take at most this much memory, 10^6 bytes
-    #[arg(long, value_name = "MB", value_parser = positive, group = "spent")]
-    budget_mb: Option<f64>,
-    /// Choose the settings with which most episodes end sure and right and whose touches and ways take at most this, mean of
-    /// the episodes measured, seconds
-    #[arg(long, value_name = "S", value_parser = positive, group = "spent")]
-    budget_s: Option<f64>,
-    /// Stop after this many touches [default: 10]
-    #[arg(long, value_name = "N")]
-    max_touches: Option<usize>,
-    /// With a budget: what tactile-filter tradeoff measured [default: the model's file with the ending .frontier.json]
-    #[arg(long, value_name = "FILE", requires = "spent")]
+    /// Choose the settings with which most episodes end sure and right within this, such as ms=4,touches=4: ms of a decision
+    /// (median, one core), mb of memory (10^6 bytes), s of touches and ways (mean), touches. Ten seconds go into finding how fast
+    /// this machine is
+    #[arg(long = "budget", value_name = "NAME=VALUE,...", value_parser = parse_budget)]
+    budget: Option<Budget>,
+    /// With a budget: what tactile-filter tradeoff measured; rough: the model's file with the ending .rough.frontier.json, for a sensor
+    /// that is rough or pressed unevenly [default: the one with the ending .frontier.json]
+    #[arg(long, value_name = "FILE|rough", requires = "budget")]
     frontier: Option<PathBuf>,
-    /// With a budget: the sensor is rough or pressed unevenly, so that a touch says little: choose by what was measured with such a one
-    /// (the model's file with the ending .rough.frontier.json)
-    #[arg(long, conflicts_with = "frontier", requires = "spent")]
-    rough_sensor: bool,
 }
+
+/// The value of `--frontier` that stands for the model's file for rough sensors.
+const ROUGH: &str = "rough";
 
 /// What the settings were chosen for.
 pub struct Task<'a> {
@@ -71,7 +62,7 @@ pub struct Task<'a> {
 impl BudgetArgs {
     /// Whether settings are to be chosen.
     pub fn is_given(&self) -> bool {
-        self.budget_ms.is_some() || self.budget_mb.is_some() || self.budget_s.is_some()
+        self.budget.is_some()
     }
 
     /// Refuses flags and numbers that a budget chooses itself.
@@ -83,18 +74,14 @@ impl BudgetArgs {
         numbers.check_budget()
     }
 
-    /// A config with this budget's limit on touches.
-    pub fn limited(&self, config: EpisodeConfig) -> Result<EpisodeConfig> {
-        let config = config
-            .changed(|settings, _, _| settings.max_touches = self.max_touches.unwrap_or(config.settings.max_touches));
-        config.validate()?;
-        Ok(config)
-    }
-
     /// Chooses settings; returns the bank in the format that they take, what they are, and what they promise.
     pub fn choose(&self, task: &Task<'_>, base: &EpisodeConfig) -> Result<(Arc<Bank>, EpisodeConfig, Promise)> {
-        let ending = if self.rough_sensor { "rough.frontier.json" } else { "frontier.json" };
-        let path = self.frontier.clone().unwrap_or_else(|| task.model_path.with_extension(ending));
+        let path = match &self.frontier {
+            Some(file) if file.as_os_str() != ROUGH => file.clone(),
+            rough => {
+                task.model_path.with_extension(if rough.is_some() { "rough.frontier.json" } else { "frontier.json" })
+            }
+        };
         if !path.exists() {
             let expected = "a frontier of this model, as tactile-filter tradeoff measures it";
             return Err(Error::invalid(path.display().to_string(), expected, "no such file"));
@@ -102,12 +89,7 @@ impl BudgetArgs {
         let text = bounded_file::read_to_string(&path, Kind::FIGURES)?;
         let tradeoff = Tradeoff::from_json(&path.display().to_string(), &text)?;
         let paces = self.paces(&tradeoff, task, base)?;
-        let budget = Budget {
-            decision_ms: self.budget_ms,
-            memory_mb: self.budget_mb,
-            max_touches: self.max_touches,
-            robot_s: self.budget_s,
-        };
+        let budget = self.budget.unwrap_or_default();
         let choice = tradeoff.choose(&budget, &task.speeds, &mut |settings, n_touches| {
             let Some((_, pace_ms)) = paces.iter().find(|(of, _)| of == settings) else { return Ok(None) };
             let memory_mb = settings.memory_mb(task.model, task.bank, n_touches)?;
@@ -143,6 +125,36 @@ fn with_rows(bank: &Bank, settings: &Setup) -> Result<Arc<Bank>> {
     Ok(Arc::new(bank.clone().with_precision(settings.rows)?))
 }
 
+/// Limits by name, each once.
+fn parse_budget(text: &str) -> std::result::Result<Budget, String> {
+    const NAMES: &str = "some of ms=, mb=, s= and touches=, with commas between, such as ms=4,touches=4";
+    let mut budget = Budget::default();
+    for limit in text.split(',') {
+        let (name, value) = limit.split_once('=').ok_or_else(|| format!("expected {NAMES}"))?;
+        let (name, value) = (name.trim(), value.trim());
+        let is_new = match name {
+            "touches" => {
+                let n = value.parse().ok().filter(|n| *n > 0);
+                budget.max_touches.replace(n.ok_or("touches: expected a whole number above 0")?).is_none()
+            }
+            "ms" | "mb" | "s" => {
+                let limit = positive(value).map_err(|expected| format!("{name}: {expected}"))?;
+                let of = match name {
+                    "ms" => &mut budget.decision_ms,
+                    "mb" => &mut budget.memory_mb,
+                    _ => &mut budget.robot_s,
+                };
+                of.replace(limit).is_none()
+            }
+            _ => return Err(format!("expected {NAMES}")),
+        };
+        if !is_new {
+            return Err(format!("{name}: expected once"));
+        }
+    }
+    Ok(budget)
+}
+
 fn print(promise: &Promise, tradeoff: &Tradeoff) {
     let Promise { settings, decision_ms, memory_mb, n_touches, .. } = promise;
     let robot_s = promise.robot_s.map_or_else(String::new, |s| format!(", {s:.1} robot seconds on average"));
@@ -164,4 +176,30 @@ fn promised(promise: &Promise) -> String {
     };
     let decided = promise.decided_and_right.map(|of| share(of, "sure and right"));
     decided.into_iter().chain(promise.accuracy.map(|of| share(of, "right, sure or not"))).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_budget_is_some_limits_by_name() {
+        let all = parse_budget("ms=4.5, mb=100,s=20,touches=4").unwrap();
+        let expected =
+            Budget { decision_ms: Some(4.5), memory_mb: Some(100.0), max_touches: Some(4), robot_s: Some(20.0) };
+        assert_eq!(all, expected);
+        assert_eq!(parse_budget("touches=1").unwrap(), Budget { max_touches: Some(1), ..Budget::default() });
+        for (text, said) in [
+            ("", "some of ms="),
+            ("4", "some of ms="),
+            ("gb=1", "some of ms="),
+            ("ms=4,", "some of ms="),
+            ("ms=0", "ms: expected a number above 0"),
+            ("touches=0", "touches: expected a whole number above 0"),
+            ("touches=1.5", "touches: expected a whole number above 0"),
+            ("ms=4,ms=5", "ms: expected once"),
+        ] {
+            assert!(parse_budget(text).unwrap_err().contains(said), "{text}");
+        }
+    }
 }

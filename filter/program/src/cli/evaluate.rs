@@ -317,16 +317,15 @@ impl Evaluate {
 
     /// Each engine with each rule; `paper` is Alg. 1, which brings its own rule.
     fn ways(&self, model: &Model) -> Result<Vec<(String, EpisodeConfig)>> {
-        let config = |engine, rule| self.budget.limited(self.config(engine, rule, model)?);
         let mut ways = Vec::new();
         for engine in self.engines() {
             if *engine == Engine::Paper {
-                ways.push(("Alg. 1 as printed".into(), config(*engine, ActionRule::Paper)?));
+                ways.push(("Alg. 1 as printed".into(), self.config(*engine, ActionRule::Paper, model)?));
                 continue;
             }
             for rule in self.actions() {
                 let name = format!("{engine:?}, {rule:?}").to_lowercase();
-                ways.push((name, config(*engine, *rule)?));
+                ways.push((name, self.config(*engine, *rule, model)?));
             }
         }
         Ok(ways)

@@ -109,8 +109,8 @@ mod tests {
             assert_eq!(refusal(&line), None, "{line}");
         }
         let of_replay =
-            ["--other-sensor", "--frontier f", "--rough-sensor", "--engine exact --budget-ms 1", "--set n_draws"];
-        let of_log = ["--side peg", "--limit 3", "--engine exact", "--budget-ms 4", "--max-touches 3", "--data d"];
+            ["--other-sensor", "--frontier rough", "--engine exact --budget ms=1", "--budget gb=1", "--set n_draws"];
+        let of_log = ["--side peg", "--limit 3", "--engine exact", "--budget ms=4", "--set max_touches=3", "--data d"];
         let of_log = of_log.into_iter().chain(["--set temperature=0.1"]);
         let of_robot = ["--episodes 2", "--seed 3", "--rate-hz 9", "--jpeg 90", "--faults dropped=0.1"];
         let lines = of_replay.into_iter().map(|flag| format!("{replay} --data d {flag}"));
@@ -119,7 +119,6 @@ mod tests {
         let more = [
             format!("{assemble} --set 9"),
             format!("{evaluate} --scene s --frontier f"),
-            format!("{evaluate} --scene s --rough-sensor"),
             format!("{evaluate} --scene s --json --shard 1/2"),
             "tactile-filter tradeoff --model m --out o --shard 1/2 --json".into(),
             "tactile-filter watch --log l --node /n".into(),

@@ -51,7 +51,7 @@ impl Numbers {
 
     /// Refuses what a budget chooses itself.
     pub fn check_budget(&self) -> Result<()> {
-        let chosen = [&EFFORT[..], &["subdivisions", N_PARTICLES]].concat();
+        let chosen = [&EFFORT[..], &["subdivisions", "max_touches", N_PARTICLES]].concat();
         self.refuse(&chosen, "no budget, which chooses it", "one")
     }
 

@@ -121,7 +121,7 @@ impl Replay {
         warn_of_light(&bank, lamps);
         let mut sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side).lit_by(lamps)?;
         let mut light = self.learn_light.then(|| light_of(&dataset)).transpose()?;
-        let mut config = self.budget.limited(self.numbers.applied_to(self.engine.config(&model, side))?)?;
+        let mut config = self.numbers.applied_to(self.engine.config(&model, side))?;
         if self.budget.is_given() {
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, dataset.no_contact());
             let (reach, between_poses) = (*bank.start(), config.method().between_poses);

@@ -33,7 +33,7 @@ const FILES: [&str; 2] = ["tradeoff.html", "tradeoff.json"];
 /// Measure how speed, memory and touches trade against accuracy; write tradeoff.json, frontier.json and a page.
 ///
 /// For each setting and number of touches: how many episodes end sure and right, and how many are right at all.
-/// Episodes of even number choose among the settings, those of odd number say what is promised. Each setting is saved
+/// Every second part chooses among the settings, the others say what is promised. Each setting is saved
 /// as soon as it is measured: the same command continues where it was stopped.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter tradeoff --model infer/models/maze-small.safetensors \
