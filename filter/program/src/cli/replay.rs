@@ -50,7 +50,7 @@ pub struct Replay {
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
     /// How states are inferred
-    #[arg(long, value_enum, conflicts_with = "spent", default_value_t = Engine::Exact)]
+    #[arg(long, value_enum, conflicts_with = "budget", default_value_t = Engine::Exact)]
     engine: Engine,
     /// The recording's lamps are not known: its touches tell them, from the first 20 that show edges on
     #[arg(long)]
