@@ -10,7 +10,7 @@ use super::speeds::Speeds;
 pub struct Halves {
     /// The episodes of every second part: by these a setting is chosen.
     pub choosing: Half,
-    /// Those of the other parts: what they came to is promised.
+    /// The episodes of the other parts: what they came to is promised.
     pub promising: Half,
 }
 
