@@ -535,11 +535,13 @@ fn a_misspelt_name_is_answered_with_the_nearest() {
 #[test]
 fn a_budget_that_is_none_is_refused_at_once() {
     let sample = Sample::shared();
-    for limit in ["ms", "mb", "s", "touches"] {
+    let number = "expected a number above 0";
+    let limits = [("ms", number), ("mb", number), ("s", number), ("touches", "expected a whole number above 0")];
+    for (limit, expected) in limits {
         for value in ["nan", "inf", "0", "-1"] {
             let line = format!("tactile-filter replay --model m --bank b --data holes --budget {limit}={value}");
             let ran = shell(&sample, &line);
-            assert!(ran.misused().contains("number above 0"), "{ran:?}");
+            assert!(ran.misused().contains(&format!("{limit}: {expected}")), "{ran:?}");
         }
     }
 }

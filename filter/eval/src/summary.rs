@@ -138,8 +138,8 @@ pub fn halves(outcomes: &[Outcome], config: &EpisodeConfig) -> Vec<Halves> {
         }
     }
     for (index, outcome) in outcomes.iter().enumerate() {
-        let place = if parts.len() < 2 { Some(index) } else { parts.iter().position(|part| *part == outcome.part) };
-        let chooses = place.is_some_and(|place| place % 2 == 0);
+        let place = parts.iter().position(|part| *part == outcome.part).filter(|_| parts.len() > 1);
+        let chooses = place.unwrap_or(index) % 2 == 0;
         let stopped = stopped(outcome, config);
         let decided = match stopped {
             Some((at, StopReason::Confident)) => Some((at, outcome.scored[at].right)),

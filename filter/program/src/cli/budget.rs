@@ -18,7 +18,7 @@ use tactile_infer::Bank;
 use tactile_infer::Model;
 
 use super::arguments::positive;
-use super::numbers::{Numbers, refuse_given};
+use super::numbers::{Numbers, assignment, refuse_given};
 
 /// Seconds to find how fast this machine is.
 const CALIBRATION_S: f64 = 10.0;
@@ -30,7 +30,7 @@ pub struct BudgetArgs {
     /// Choose the settings with which most episodes end sure and right within this, such as ms=4,touches=4: ms of a decision
     /// (median, one core), mb of memory (10^6 bytes), s of touches and ways (mean), touches. Ten seconds go into finding how fast
     /// this machine is
-    #[arg(long = "budget", value_name = "NAME=VALUE,...", value_parser = parse_budget)]
+    #[arg(long, value_name = "NAME=VALUE,...", value_parser = parse_budget)]
     budget: Option<Budget>,
     /// With a budget: what tactile-filter tradeoff measured; rough: the model's file with the ending .rough.frontier.json, for a sensor
     /// that is rough or pressed unevenly [default: the one with the ending .frontier.json]
@@ -127,30 +127,23 @@ fn with_rows(bank: &Bank, settings: &Setup) -> Result<Arc<Bank>> {
 
 /// Limits by name, each once.
 fn parse_budget(text: &str) -> std::result::Result<Budget, String> {
-    const NAMES: &str = "some of ms=, mb=, s= and touches=, with commas between, such as ms=4,touches=4";
+    let names = "expected some of ms=, mb=, s= and touches=, with commas between, such as ms=4,touches=4";
     let mut budget = Budget::default();
     for limit in text.split(',') {
-        let (name, value) = limit.split_once('=').ok_or_else(|| format!("expected {NAMES}"))?;
-        let (name, value) = (name.trim(), value.trim());
-        let is_new = match name {
+        let (name, value) = assignment(limit).map_err(|_| names)?;
+        let set =
+            |limit: &mut Option<f64>| limit.replace(positive(&value)?).map_or(Ok(()), |_| Err("expected once".into()));
+        let set = match name.as_str() {
+            "ms" => set(&mut budget.decision_ms),
+            "mb" => set(&mut budget.memory_mb),
+            "s" => set(&mut budget.robot_s),
             "touches" => {
-                let n = value.parse().ok().filter(|n| *n > 0);
-                budget.max_touches.replace(n.ok_or("touches: expected a whole number above 0")?).is_none()
+                let n = value.parse().ok().filter(|n| *n > 0).ok_or("touches: expected a whole number above 0")?;
+                budget.max_touches.replace(n).map_or(Ok(()), |_| Err("expected once".into()))
             }
-            "ms" | "mb" | "s" => {
-                let limit = positive(value).map_err(|expected| format!("{name}: {expected}"))?;
-                let of = match name {
-                    "ms" => &mut budget.decision_ms,
-                    "mb" => &mut budget.memory_mb,
-                    _ => &mut budget.robot_s,
-                };
-                of.replace(limit).is_none()
-            }
-            _ => return Err(format!("expected {NAMES}")),
+            _ => return Err(names.into()),
         };
-        if !is_new {
-            return Err(format!("{name}: expected once"));
-        }
+        set.map_err(|expected: String| format!("{name}: {expected}"))?;
     }
     Ok(budget)
 }

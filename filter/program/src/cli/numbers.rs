@@ -90,7 +90,7 @@ pub fn refuse_given(flags: &[(&str, bool)], expected: &str, got: &str) -> Result
 }
 
 /// A name and its value.
-fn assignment(text: &str) -> std::result::Result<(String, String), String> {
+pub fn assignment(text: &str) -> std::result::Result<(String, String), String> {
     let (name, value) = text.split_once('=').ok_or("expected NAME=VALUE, such as max_touches=4")?;
     Ok((name.trim().to_owned(), value.trim().to_owned()))
 }
