@@ -14,6 +14,9 @@ use crate::sensor::SensorSpec;
 pub struct SensorRange {
     /// How deep a board is pressed, mm.
     pub depth_mm: [f64; 2],
+    /// Whether the depth's logarithm is drawn evenly, so that as many sensors press less deep than the geometric mean as deeper.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub log_depth: bool,
     /// The camera's noise, as a multiple of the scene's.
     pub noise: [f64; 2],
     /// Worst JPEG quality of a sensor; the best is [`Self::QUALITIES`] more.
@@ -46,6 +49,7 @@ impl Default for SensorRange {
     fn default() -> Self {
         Self {
             depth_mm: [0.35, 0.9],
+            log_depth: false,
             noise: [0.5, 3.0],
             jpeg_quality: [30, 88],
             scale: [0.92, 1.1],
@@ -87,7 +91,9 @@ impl SensorRange {
 
     /// A sensor drawn round `spec`.
     pub fn draw(&self, spec: SensorSpec, rng: &mut ChaCha8Rng) -> SensorSpec {
-        let (depth_mm, noise) = (uniform(rng, self.depth_mm), uniform(rng, self.noise));
+        let depth_mm =
+            if self.log_depth { uniform(rng, self.depth_mm.map(f64::ln)).exp() } else { uniform(rng, self.depth_mm) };
+        let noise = uniform(rng, self.noise);
         let worst = uniform(rng, self.jpeg_quality.map(f64::from)).round() as u8;
         let scale = uniform(rng, self.scale);
         SensorSpec {
@@ -216,6 +222,7 @@ mod tests {
     fn a_range_of_nothing_leaves_each_pixel_and_another_does_not() {
         let fixed = SensorRange {
             depth_mm: [0.6; 2],
+            log_depth: false,
             noise: [1.0; 2],
             jpeg_quality: [75; 2],
             scale: [1.0; 2],
@@ -229,6 +236,20 @@ mod tests {
         let far = |a: &Frame, b: &Frame| a.rgb().iter().zip(b.rgb()).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
         assert!(far(&own, &same) <= 12, "{}", far(&own, &same));
         assert!(far(&own, &other) > 20, "{}", far(&own, &other));
+    }
+
+    #[test]
+    fn a_depth_s_logarithm_is_drawn_evenly() {
+        let range = SensorRange { depth_mm: [0.35, 2.5], log_depth: true, ..SensorRange::default() };
+        let mut rng = frame_rng(5, 6);
+        let depths: Vec<f64> = (0..4_000).map(|_| range.draw(SensorSpec::default(), &mut rng).depth_mm).collect();
+        assert!(depths.iter().all(|depth| (0.35..=2.5).contains(depth)));
+        // A quarter of the draws below each quarter of the logarithms, within four standard errors.
+        for quarter in 1..4 {
+            let bound = 0.35 * (2.5_f64 / 0.35).powf(0.25 * f64::from(quarter));
+            let share = depths.iter().filter(|depth| **depth < bound).count() as f64 / 4_000.0;
+            assert!((share - 0.25 * f64::from(quarter)).abs() < 0.032, "{bound} {share}");
+        }
     }
 
     #[test]

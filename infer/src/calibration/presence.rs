@@ -1,7 +1,7 @@
 //! Whether the part that is named is there at all, against a stranger: a part that the bank does not hold.
 //!
 //! For `n` touches with an edge, whose fit is `F` standard deviations and of which a verifier says `V`, where it says `E`
-//! of as many that were made on the part, by which the part's size is known to `K` nats and off by `S`, whose maps together are off by `D` more than usual,
+//! of as many that were made on the part, by which the part's size is known to `K` nats and off by `S`, whose maps together are off by `D` nats more than usual,
 //! and which showed a share `c` of its outline, the log-odds that the named part is there, before which a stranger was as likely, are
 //!
 //! ```text
@@ -29,8 +29,8 @@ pub const TAIL_SHARE: f64 = 0.1;
 /// Weights of the log-odds.
 pub const N_WEIGHTS: usize = 8;
 
-/// Maps state their errors so widely that a mean square of less is no better fit: touches of a part that is there come to 0.04 to 0.6.
-const LEAST_MISFIT: f64 = 0.1;
+/// A misfit of less is no better fit: touches of a part that is there come to 0.01 to 0.08.
+const LEAST_MISFIT: f64 = 0.02;
 
 /// The entries in a file: where holes are touched, where pegs are, and where holes are touched and judged by maps of holes.
 pub(crate) const ENTRIES: [&str; 3] = ["presence", "peg_presence", "hole_presence"];
@@ -92,13 +92,10 @@ pub struct Verified {
     /// How the part that was touched differs in size, where that was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strain: Option<Strain>,
-    /// How far all touches, stitched, are from the part's map, mean square in errors, where that was asked for
+    /// How far all touches, stitched, are from the part's map, nats, where that was asked for
     /// ([`Mosaic::misfit`](crate::maps::mosaic::Mosaic::misfit)).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<f64>,
-    /// What that comes to where touches were made on the part, nats ([`misfit_nats`]), where the bank knows it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub usual_misfit: Option<f64>,
 }
 
 /// How far maps are off, nats: the logarithm of their misfit.
@@ -131,10 +128,9 @@ impl Verified {
         Self { misfit: self.misfit.map(less), ..self }
     }
 
-    /// How far the maps are off beyond what is usual, nats; 0 where that was not asked for. `usual`: what is, of a part that the bank does
-    /// not know.
+    /// How far the maps are off beyond what is usual, nats; 0 where that was not asked for.
     pub fn misfit_nats(&self, usual: f64) -> f64 {
-        self.misfit.map_or(0.0, |misfit| misfit_nats(misfit) - self.usual_misfit.unwrap_or(usual))
+        self.misfit.map_or(0.0, |misfit| misfit_nats(misfit) - usual)
     }
 
     /// The share of the outline that is in view of the touches, 0..=1.
@@ -395,31 +391,22 @@ mod tests {
 
     #[test]
     fn maps_that_are_off_speak_against_the_part_by_their_powers() {
+        let odds = PresenceOdds { usual_misfit: 0.5_f64.ln(), ..odds() };
         let of = |misfit| {
             let verified = Verified { log_odds: 10.0, n_new: 4.0, misfit, ..Verified::default() };
-            odds().log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) })
+            odds.log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) })
         };
-        // Twice as far off, and half; a misfit whose logarithm is none, and none that was asked for.
+        // As far off as usual, twice as far, and half; and none that was asked for.
         let two = 2.0_f64.ln();
-        let known =
-            Verified { log_odds: 10.0, n_new: 4.0, misfit: Some(1.9), usual_misfit: Some(two), ..Verified::default() };
-        // As far off as usual of that part, and as usual of all.
-        let all = PresenceOdds { usual_misfit: two, ..odds() };
-        let unknown = Verified { usual_misfit: None, ..known };
-        for (odds, verified) in [(odds(), known), (all, unknown)] {
-            let felt = Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) };
-            assert!((odds.log_odds(&felt) - 5.0).abs() < 1e-9);
-        }
-        // What is a sensor's: twice as far off as usual.
-        let felt = |verified| odds().log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) });
-        let deeper = Verified { misfit: Some(3.9), ..known };
-        assert!((felt(deeper) - (5.0 - 0.5 * two)).abs() < 1e-9);
-        assert!((felt(deeper.with_misfit_less(two)) - 5.0).abs() < 1e-9);
         for (misfit, expected) in
-            [(Some(1.9), 5.0 - 0.5 * two), (Some(0.4), 5.0 + 0.5 * two), (Some(0.9), 5.0), (None, 5.0)]
+            [(Some(0.48), 5.0), (Some(0.98), 5.0 - 0.5 * two), (Some(0.23), 5.0 + 0.5 * two), (None, 5.0)]
         {
             assert!((of(misfit) - expected).abs() < 1e-9, "{misfit:?}");
         }
+        // What is a sensor's: twice as far off.
+        let verified = Verified { log_odds: 10.0, n_new: 4.0, misfit: Some(0.98), ..Verified::default() };
+        let felt = Felt { fit: 0.4, n_fitted: 4, verified: Some(verified.with_misfit_less(two)) };
+        assert!((odds.log_odds(&felt) - 5.0).abs() < 1e-9);
     }
 
     #[test]

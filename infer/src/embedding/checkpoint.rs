@@ -215,5 +215,7 @@ pub(crate) fn to_json<T: Serialize>(value: &T) -> Result<String> {
 }
 
 pub(crate) fn from_json<T: for<'a> Deserialize<'a>>(text: &str) -> Result<T> {
-    serde_json::from_str(text).map_err(|e| Error::invalid("metadata", "entries of this version", e.to_string()))
+    serde_json::from_str(text).map_err(|e| {
+        Error::invalid("metadata", "entries of this version (make a file of another again)", e.to_string())
+    })
 }

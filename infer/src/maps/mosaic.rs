@@ -72,6 +72,18 @@ pub struct Difference {
 /// Places are compared where either outline is this near, mm: farther off maps are cut off.
 const NEAR_MM: f32 = 2.0;
 
+/// The side of the cells in which a misfit is measured: a drawn pixel is of some 0.46 mm, so smaller ones say nothing new.
+const MISFIT_CELL_MM: f64 = 0.6;
+
+/// No contact is believed more surely than this, or less than the rest.
+const SUREST: f64 = 0.98;
+
+/// The relative entropy of one probability of a contact from another, nats.
+fn relative_entropy(of: f32, from: f32) -> f64 {
+    let [p, q] = [of, from].map(|contact| f64::from(contact).clamp(1.0 - SUREST, SUREST));
+    p * (p / q).ln() + (1.0 - p) * ((1.0 - p) / (1.0 - q)).ln()
+}
+
 /// The distance at a place, and how it changes along x and y.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Slope {
@@ -284,16 +296,16 @@ impl<'a> Mosaic<'a> {
         sum
     }
 
-    /// How far the maps of touches, stitched, are from it near either outline, where the part seems larger by this strain: the mean square of
-    /// what their distances differ by, in the errors of both; `None` where they show nothing in common.
+    /// How far the maps of touches, stitched, are from it near either outline, where the part seems larger by this strain: the mean relative
+    /// entropy of what touches the gel, from that of the touches to its own, nats; `None` where they show nothing in common. Of
+    /// touches of the side whose mosaic it is: what touches the gel is seen, which side of a rim is inside is not.
     pub fn misfit(&self, touches: &Stitcher, strain: f64) -> Option<f64> {
         let (mut sum, mut n) = (0.0, 0.0);
         for (at, here) in touches.cells().map(Place::of).enumerate().filter(|(_, here)| here.n_seen > 0.0) {
-            let mm = |cell| (1.0 - strain) * middle(touches.n, cell);
+            let mm = |cell| (1.0 - strain) * touches.middle_mm(cell);
             let Some(there) = self.at([mm(at % touches.n), mm(at / touches.n)]) else { continue };
             if here.distance_mm.abs().min(there.distance_mm.abs()) < NEAR_MM {
-                let off = (here.distance_mm - there.distance_mm) / here.error_mm.hypot(there.error_mm);
-                (sum, n) = (sum + f64::from(off * off), n + 1.0);
+                (sum, n) = (sum + relative_entropy(here.contact, there.contact), n + 1.0);
             }
         }
         (n > 0.0).then_some(sum / n).filter(|misfit| misfit.is_finite())
@@ -301,7 +313,7 @@ impl<'a> Mosaic<'a> {
 
     /// The same of touches where they were made; `None` without any, too.
     pub fn misfit_of(&self, touches: &[Drawing<'_>], part_from_first: &Se2, strain: f64) -> Option<f64> {
-        self.misfit(&Stitcher::of_touches(touches, part_from_first)?, strain)
+        self.misfit(&Stitcher::laid(touches, part_from_first, MISFIT_CELL_MM)?, strain)
     }
 
     /// The distance at a place and how it changes.
@@ -475,7 +487,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_misfit_is_the_mean_square_near_either_outline() {
+    fn a_misfit_is_the_relative_entropy_of_contacts_near_either_outline() {
         let disc = |radius: f64| {
             let n = 60;
             let mm = |at: usize| middle(n, at % n).hypot(middle(n, at / n)) - radius;
@@ -486,7 +498,7 @@ pub(super) mod tests {
                 distance_mm: (0..n * n).map(|at| mm(at).clamp(-3.0, 3.0) as f32).collect(),
                 error_mm: of_all(0.05),
                 inside: of_all(0.0),
-                contact: of_all(0.0),
+                contact: (0..n * n).map(|at| f32::from(u8::from(mm(at) < 0.0))).collect(),
             };
             let mut disc = Stitcher::new(0.5 * CELL_MM * n as f64);
             disc.add(&map, &Se2::IDENTITY);
@@ -496,10 +508,11 @@ pub(super) mod tests {
         let mosaics = Mosaics::stitched(&discs, None).unwrap();
         let [small, large] = [0, 1].map(|part| mosaics.of(part, Side::Peg));
         let found = large.misfit(&discs[0], 0.0).unwrap();
-        // 0.4 mm in errors of 0.05 each.
-        let expected = (0.4 / (0.05 * 2.0_f64.sqrt())).powi(2);
-        assert!((found / expected - 1.0).abs() < 0.02, "{found} {expected}");
-        assert!(small.misfit(&discs[0], 0.0).unwrap() < 1e-3);
+        // A ring of 5 to 5.4 mm touches the gel in one and not in the other, among places from 3 mm to 7.4 mm: by bits that are sure to 98 %.
+        let sure = 0.98 * (0.98_f64 / 0.02).ln() + 0.02 * (0.02_f64 / 0.98).ln();
+        let expected = sure * (5.4 * 5.4 - 25.0) / (7.4 * 7.4 - 9.0);
+        assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
+        assert!(small.misfit(&discs[0], 0.0).unwrap() < 0.02 * found);
         // A disc that seems larger by what it is larger.
         let known = small.misfit(&discs[1], 1.0 - 5.0 / 5.4).unwrap();
         assert!(known < 0.1 * found, "{known} {found}");

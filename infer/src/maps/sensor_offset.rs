@@ -7,7 +7,7 @@ use super::strain::Strain;
 /// How much larger along both axes parts seem that are there, under any sensor: one standard deviation.
 const STRAIN: f64 = 0.02;
 
-/// How far their maps are off beyond what is usual of each, under any sensor, nats: one standard deviation.
+/// How far their maps are off beyond what is usual, under any sensor, nats: one standard deviation.
 const MISFIT: f64 = 0.5;
 
 /// How far those of a few touches are off, under one sensor, nats: one standard deviation.
@@ -39,7 +39,7 @@ impl SensorOffset {
         self.with([0.5 * (x + y), 0.25 * (c[0][0] + 2.0 * c[0][1] + c[1][1])], STRAIN.powi(-2))
     }
 
-    /// How far maps are off, nats, with what one more part tells, whose maps are so far off beyond what is usual of it.
+    /// How far maps are off, nats, with what one more part tells, whose maps are so far off beyond what is usual.
     pub fn with_misfit(&self, nats: f64) -> Self {
         self.with([nats, MISFIT_OF_TOUCHES * MISFIT_OF_TOUCHES], MISFIT.powi(-2))
     }

@@ -1,4 +1,4 @@
-//! How a part seems to differ from its own map, in size and in shape, measured when its bank is made.
+//! How a part seems to differ in size from its own map, measured when its bank is made.
 
 use serde::{Deserialize, Serialize};
 use tactile_data::pose::se2::Se2;
@@ -6,9 +6,8 @@ use tactile_data::pose::se2::Se2;
 use super::align::Drawing;
 use super::mosaic::Mosaic;
 use super::strain::Strain;
-use crate::calibration::presence::misfit_nats;
 
-/// How a part seems to differ from its own map: what holes read unlike pegs is no other size and no other shape.
+/// How a part seems to differ in size from its own map: what holes read unlike pegs is no other size.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct UsualStrain {
@@ -16,9 +15,6 @@ pub struct UsualStrain {
     pub mean: [f64; 3],
     /// How many times as far as they say, in variance, a few touches are from that.
     pub times: f64,
-    /// How far the maps of a few touches are off, nats ([`misfit_nats`]): the mean; `None` in older banks.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub misfit: Option<f64>,
 }
 
 /// Touches of which it is asked how far they are from all of them.
@@ -31,21 +27,15 @@ impl UsualStrain {
         let n_groups = (touches.len() / A_FEW).max(1);
         let group = |at: usize| -> Vec<Drawing<'_>> { touches.iter().skip(at).step_by(n_groups).copied().collect() };
         let groups: Vec<Vec<Drawing<'_>>> = (0..n_groups).map(group).collect();
-        let all = Self { mean, times: 1.0, misfit: None };
+        let all = Self { mean, times: 1.0 };
         let far = |few: &Vec<Drawing<'_>>| Strain::of(few, mosaic, &Se2::IDENTITY).against(&all).squared();
         let times = groups.iter().map(far).sum::<f64>() / (3 * n_groups) as f64;
-        let misfits = groups.iter().filter_map(|few| mosaic.misfit_of(few, &Se2::IDENTITY, 0.0));
-        let misfits: Vec<f64> = misfits.map(misfit_nats).collect();
-        let misfit = misfits.iter().sum::<f64>() / misfits.len() as f64;
-        Self { mean, times, misfit: Some(misfit).filter(|misfit| misfit.is_finite()) }
+        Self { mean, times }
     }
 
     /// Whether touches can come to it.
     pub(super) fn is_possible(&self) -> bool {
-        self.mean.iter().all(|strain| strain.is_finite())
-            && self.times.is_finite()
-            && self.times >= 0.0
-            && self.misfit.is_none_or(f64::is_finite)
+        self.mean.iter().all(|strain| strain.is_finite()) && self.times.is_finite() && self.times >= 0.0
     }
 }
 
@@ -70,11 +60,6 @@ mod tests {
         let found = Strain::of(&drawings, &mosaic, &Se2::IDENTITY);
         // Against what is usual it is of the right size, and by itself it is not.
         assert!(found.against(&usual).off_nats() < 0.1 && found.off_nats() > 1.0, "{found:?}");
-        // Nor are maps that are off as much as usual.
-        let few: Vec<Drawing<'_>> = drawings.iter().step_by(drawings.len().div_ceil(A_FEW)).copied().collect();
-        let off = misfit_nats(mosaic.misfit_of(&few, &Se2::IDENTITY, 0.0).unwrap());
-        assert!((off - usual.misfit.unwrap()).abs() < 0.5, "{off} {usual:?}");
         assert!(usual.is_possible() && !UsualStrain { times: f64::NAN, ..usual }.is_possible());
-        assert!(!UsualStrain { misfit: Some(f64::NAN), ..usual }.is_possible());
     }
 }

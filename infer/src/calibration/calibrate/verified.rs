@@ -5,7 +5,7 @@ use tactile_data::frame::TactileImage;
 use tactile_data::pose::se2::Se2;
 
 use crate::bank::Bank;
-use crate::calibration::presence::misfit_nats;
+use crate::calibration::presence::{PresenceOdds, misfit_nats};
 use crate::calibration::{OfVerifier, Spread};
 use crate::embedding::model::Model;
 use crate::error::Result;
@@ -13,7 +13,6 @@ use crate::maps::align::{Drawing, Start, align};
 use crate::maps::mosaic::Mosaics;
 use crate::maps::sensor_offset::SensorOffset;
 use crate::maps::strain::Strain;
-use crate::maps::usual_strain::UsualStrain;
 use crate::maps::verifier::{Verifier, compared};
 use crate::maps::{DrawnMap, MapDrawer, Maps};
 
@@ -27,8 +26,8 @@ struct Judged {
     part_from_sensor: Se2,
     /// What the verifier says, nats.
     nats: f64,
-    /// How the part seems to differ in size, and how far its maps are usually off, where the bank knows what is usual.
-    strain: Option<(Strain, UsualStrain)>,
+    /// How the part seems to differ in size, where the bank knows what is usual.
+    strain: Option<Strain>,
 }
 
 /// Judges a sensor's touches of a side by a bank's maps.
@@ -41,6 +40,8 @@ pub(super) struct Judge<'a> {
     view_mm: [f64; 2],
     /// What to expect of a touch on a part that the bank knows nothing of.
     usual: f64,
+    /// How far the maps of a part that is there are off, nats.
+    usual_misfit: f64,
     judged: Vec<Judged>,
 }
 
@@ -48,8 +49,8 @@ impl<'a> Judge<'a> {
     /// `None` where the model draws no maps, or the bank has none, or nobody fitted what a verifier's words are worth.
     pub(super) fn new(model: &'a Model, bank: &'a Bank, side: Side, view_mm: [f64; 2]) -> Option<Self> {
         let (drawer, mosaics) = (model.maps().map(Maps::drawer)?, bank.mosaics()?);
-        let (verifier, usual) = (bank.verifier()?, bank.presence(side)?.usual);
-        Some(Self { drawer, verifier, bank, mosaics, side, view_mm, usual, judged: Vec::new() })
+        let (verifier, PresenceOdds { usual, usual_misfit, .. }) = (bank.verifier()?, *bank.presence(side)?);
+        Some(Self { drawer, verifier, bank, mosaics, side, view_mm, usual, usual_misfit, judged: Vec::new() })
     }
 
     /// Judges a touch near a pose of a part.
@@ -61,8 +62,7 @@ impl<'a> Judge<'a> {
         self.judged.extend(drawer.draw(std::slice::from_ref(image), side, view_mm)?.into_iter().map(|map| {
             let drawing = Drawing { map: &map, first_from_sensor: Se2::IDENTITY };
             let part_from_sensor = align(&[drawing], &mosaic, &Start::known_to(*pose, STATED)).part_from_first;
-            let strain =
-                usual_strain.map(|usual| (Strain::of(&[drawing], &mosaic, &part_from_sensor).against(&usual), usual));
+            let strain = usual_strain.map(|usual| Strain::of(&[drawing], &mosaic, &part_from_sensor).against(&usual));
             let nats = verifier.log_odds(&compared((&map, side), &mosaic, &part_from_sensor)) - expected;
             Judged { map, part, part_from_sensor, nats, strain }
         }));
@@ -73,12 +73,11 @@ impl<'a> Judge<'a> {
     pub(super) fn of_sensor(&self) -> Option<OfVerifier> {
         let nats: Vec<f64> = self.judged.iter().map(|touch| touch.nats).collect();
         let strains = self.judged.iter().filter_map(|touch| touch.strain.as_ref());
-        let strain = strains.fold(SensorOffset::default(), |known, (strain, _)| known.with_strain(strain)).mean;
-        let misfits = self.judged.iter().filter_map(|Judged { map, part, part_from_sensor, strain: known, .. }| {
-            let usual = known.as_ref().and_then(|(_, usual)| usual.misfit)?;
+        let strain = strains.fold(SensorOffset::default(), |known, strain| known.with_strain(strain)).mean;
+        let misfits = self.judged.iter().filter_map(|Judged { map, part, part_from_sensor, .. }| {
+            let mosaic = Some(self.mosaics.of(*part, self.side)).filter(|mosaic| mosaic.side() == self.side)?;
             let drawing = Drawing { map, first_from_sensor: Se2::IDENTITY };
-            let misfit = self.mosaics.of(*part, self.side).misfit_of(&[drawing], part_from_sensor, strain)?;
-            Some(misfit_nats(misfit) - usual)
+            Some(misfit_nats(mosaic.misfit_of(&[drawing], part_from_sensor, strain)?) - self.usual_misfit)
         });
         (!nats.is_empty()).then(|| OfVerifier {
             maps_sha256: self.verifier.sha256().to_owned(),

@@ -4,7 +4,7 @@ use tactile_data::dataset::touch::OUTLINE_REACH_MM;
 use tactile_data::pose::se2::Se2;
 
 use super::corners::Corners;
-use super::{CELL_MM, Cell, MOST_CELLS, middle};
+use super::{CELL_MM, Cell, MOST_CELLS};
 use crate::maps::DrawnMap;
 use crate::maps::align::Drawing;
 
@@ -12,6 +12,7 @@ use crate::maps::align::Drawing;
 #[derive(Clone, Debug)]
 pub struct Stitcher {
     pub(super) n: usize,
+    cell_mm: f64,
     sums: Vec<Sums>,
 }
 
@@ -34,16 +35,25 @@ impl Stitcher {
 
     /// For a part that reaches so far from its origin, mm.
     pub fn new(half_mm: f64) -> Self {
-        let n = (2.0 * half_mm / CELL_MM).ceil().clamp(2.0, MOST_CELLS as f64) as usize;
-        Self { n, sums: vec![Sums::default(); n * n] }
+        Self::of_cells(half_mm, CELL_MM)
+    }
+
+    fn of_cells(half_mm: f64, cell_mm: f64) -> Self {
+        let n = (2.0 * half_mm / cell_mm).ceil().clamp(2.0, MOST_CELLS as f64) as usize;
+        Self { n, cell_mm, sums: vec![Sums::default(); n * n] }
     }
 
     /// Touches of one part, laid at its pose; `None` without any.
     pub fn of_touches(touches: &[Drawing<'_>], part_from_first: &Se2) -> Option<Self> {
-        let view_mm = touches.first()?.map.view_mm;
+        Self::laid(touches, part_from_first, CELL_MM)
+    }
+
+    /// The same in cells of this side, mm.
+    pub(super) fn laid(touches: &[Drawing<'_>], part_from_first: &Se2, cell_mm: f64) -> Option<Self> {
+        let [width, height] = touches.first()?.map.view_mm;
         let poses: Vec<Se2> = touches.iter().map(|touch| *part_from_first * touch.first_from_sensor).collect();
         let farthest = poses.iter().map(|pose| pose.x_mm.abs().max(pose.y_mm.abs())).fold(0.0, f64::max);
-        let mut stitcher = Self::around(farthest, view_mm);
+        let mut stitcher = Self::of_cells(farthest + 0.5 * width.hypot(height), cell_mm);
         touches.iter().zip(&poses).for_each(|(touch, pose)| stitcher.add(touch.map, pose));
         Some(stitcher)
     }
@@ -54,13 +64,13 @@ impl Stitcher {
         let sensor_from_part = part_from_sensor.inverse();
         let reach = 0.5 * view_mm[0].hypot(view_mm[1]);
         let cells = |mm: f64| {
-            let cell = |mm: f64| (mm / CELL_MM + 0.5 * self.n as f64).clamp(0.0, self.n as f64) as usize;
-            cell(mm - reach)..cell(mm + reach + CELL_MM)
+            let cell = |mm: f64| (mm / self.cell_mm + 0.5 * self.n as f64).clamp(0.0, self.n as f64) as usize;
+            cell(mm - reach)..cell(mm + reach + self.cell_mm)
         };
         let (rows, columns) = (cells(part_from_sensor.y_mm), cells(part_from_sensor.x_mm));
         for row in rows {
             for column in columns.clone() {
-                let at = sensor_from_part.apply([column, row].map(|cell| middle(self.n, cell)));
+                let at = sensor_from_part.apply([column, row].map(|cell| self.middle_mm(cell)));
                 let place = [0, 1].map(|axis| (at[axis] / view_mm[axis] + 0.5) * map.size_px[axis] as f64 - 0.5);
                 let is_seen = (0..2).all(|axis| (0.0..=(map.size_px[axis] - 1) as f64).contains(&place[axis]));
                 if !is_seen {
@@ -79,6 +89,11 @@ impl Stitcher {
                 sum.n += 1.0;
             }
         }
+    }
+
+    /// Where the middle of a cell is along an axis, from the part's origin, mm.
+    pub(super) fn middle_mm(&self, cell: usize) -> f64 {
+        (cell as f64 + 0.5 - 0.5 * self.n as f64) * self.cell_mm
     }
 
     /// `[n, n]`.
