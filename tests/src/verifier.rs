@@ -297,7 +297,7 @@ fn a_place_is_found_by_the_maps_of_touches_and_part() {
 }
 
 /// A bank of two letters with maps, and touches of the first one's hole.
-fn two_letters(maps: &Maps) -> (EpisodeConfig, Arc<Bank>, impl Fn(Se2, u64) -> Observation + use<>) {
+fn two_letters(maps: &Maps, side: Side) -> (EpisodeConfig, Arc<Bank>, impl Fn(Se2, u64) -> Observation + use<>) {
     let model = Model::load(shipped("maze-small").as_ref()).unwrap().with_maps(maps.clone()).unwrap();
     let model = Arc::new(model);
     let reach = PoseGrid { xy_half_mm: 12.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 45.0 };
@@ -306,16 +306,16 @@ fn two_letters(maps: &Maps) -> (EpisodeConfig, Arc<Bank>, impl Fn(Se2, u64) -> O
     let bank = bank_of_scene(&model, &scene, Views::Pegs, 1, &|_, _| ()).unwrap();
     let bank = with_maps_of_scene(bank, maps, (&scene, Views::Pegs), 1, &|_, _| ()).unwrap();
     let simulator = Simulator::new(scene, 1).unwrap();
-    let sensor = Sensor::new(model.clone(), &simulator.no_contact(7)).unwrap();
+    let sensor = Sensor::new(model.clone(), &simulator.no_contact(7)).unwrap().of_side(side);
     let touch = move |pose: Se2, n: u64| {
-        sensor.observe(&simulator.touch(0, Side::Hole, &pose, &mut frame_rng(5, n)).unwrap()).unwrap()
+        sensor.observe(&simulator.touch(0, side, &pose, &mut frame_rng(5, n)).unwrap()).unwrap()
     };
-    (EpisodeConfig::of(&model), Arc::new(bank), touch)
+    (EpisodeConfig::of_side(&model, side), Arc::new(bank), touch)
 }
 
 #[test]
 fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
-    let (config, bank, touch) = two_letters(&Maps::load(shipped("maze-small.maps").as_ref()).unwrap());
+    let (config, bank, touch) = two_letters(&Maps::load(shipped("maze-small.maps").as_ref()).unwrap(), Side::Hole);
     // Two touches next to the letter, then one on it.
     let (aside, moved) = (Se2::new(12.0, 12.0, 0.0), Se2::new(-24.0, 0.0, 0.0));
     let mut episode = Episode::begin(config, bank, &touch(aside, 1)).unwrap();
@@ -334,7 +334,7 @@ fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
 #[test]
 fn a_run_learns_what_its_sensor_shows() {
     let maps = Maps::load(shipped("maze-small.maps").as_ref()).unwrap();
-    let (config, bank, touch) = two_letters(&maps);
+    let (config, bank, touch) = two_letters(&maps, Side::Peg);
     // What is said of it: one touch next to a quarter of one.
     let mut eager = config;
     eager.settings = Settings { stop_probability: 0.3, false_accept: None, ..Settings::default() };
@@ -342,8 +342,8 @@ fn a_run_learns_what_its_sensor_shows() {
     let found = first.estimate();
     let verified = found.verified.unwrap();
     let part = bank.parts().iter().position(|part| *part == found.part).unwrap();
-    let odds = *maps.verifier().unwrap().presence(Side::Hole, bank.mosaics().unwrap().side_for(Side::Hole)).unwrap();
-    let expected = bank.expected().unwrap().of(part, Side::Hole).map_or(odds.usual, |expected| expected.mean);
+    let odds = *maps.verifier().unwrap().presence(Side::Peg, Side::Peg).unwrap();
+    let expected = bank.expected().unwrap().of(part, Side::Peg).map_or(odds.usual, |expected| expected.mean);
     let known = first.learn();
     assert_eq!((known.n_holes, verified.n_new), (1, 1.0));
     assert!((known.verifier.nats - (verified.log_odds - expected) / 1.25).abs() < 1e-9, "{known:?} {verified:?}");
@@ -387,7 +387,7 @@ fn networks_with_a_fit_for_raised_parts_alone_leave_holes_to_the_cosines() {
     let bare = MapFile { presence: [None; 3], ..file };
     let maps = Maps::new(&bare.with_presence((Side::Peg, Side::Peg), raised.unwrap())).unwrap();
     assert_eq!(fitted(&maps), [raised, None, None]);
-    let (config, bank, touch) = two_letters(&maps);
+    let (config, bank, touch) = two_letters(&maps, Side::Hole);
     let found = Episode::begin(config, bank, &touch(Se2::IDENTITY, 4)).unwrap().estimate();
     let model = Model::load(shipped("maze-small").as_ref()).unwrap();
     let felt = Felt { fit: found.fit.unwrap(), n_fitted: found.n_fitted, verified: None };
@@ -435,7 +435,8 @@ fn another_size_is_told_with_how_much_it_is() {
     assert_eq!((there.part.as_str(), there.stop, size(&there)), ("bar-12x4", Some(StopReason::Confident), None));
     let stranger = found(14);
     let Some(Warning::OtherSize { longer: [along_x, along_y], sd }) = size(&stranger) else { panic!("{stranger:?}") };
-    assert!((along_x - 2.0 / 12.0).abs() < 0.04 && along_y.abs() < 0.08, "{along_x} {along_y}");
+    // Within 0.6 mm: a drawn pixel is 0.47 mm wide.
+    assert!((along_x - 2.0 / 12.0).abs() < 0.6 / 12.0 && along_y.abs() < 0.08, "{along_x} {along_y}");
     assert!((0.002..0.04).contains(&sd[0]) && along_x > 4.0 * sd[0], "{sd:?}");
     let said = size(&stranger).unwrap().to_string();
     assert!(said.starts_with("what was felt is not of that part's size: +1"), "{said}");
@@ -537,7 +538,7 @@ fn known_touches_tell_what_a_verifier_says_of_a_sensor() {
         )
     };
     fs::write(at.join("two.toml"), scene(0.9)).unwrap();
-    fs::write(at.join("deep.toml"), scene(2.5)).unwrap();
+    fs::write(at.join("deep.toml"), scene(4.0)).unwrap();
     let given = ["bank", "--model", &model, "--scene", "two.toml", "--views", "pegs", "--learn-from", "nothing"];
     run("tactile-infer", at, &[&given[..], &["--out", "plain.bank"]].concat()).done();
     run("tactile-infer", at, &[&given[..], &["--maps", &maps, "--out", "two.bank"]].concat()).done();
@@ -555,13 +556,15 @@ fn known_touches_tell_what_a_verifier_says_of_a_sensor() {
         let of = |name: &str| said["verifier"][name].as_f64().unwrap();
         [of("nats"), of("n_touches"), of("strain"), of("misfit")]
     };
-    // What was expected of this sensor by 64 other touches: within three standard errors, where one varies by 2 nats.
+    // What was expected of this sensor by 64 other touches: within three standard errors, where one varies by 2 nats. Two parts, of which
+    // each is off by 0.4 nats more or less than usual.
     let [nats, n, strain, misfit] = measured("usual");
     assert!(n >= 16.0 && nats.abs() < 3.0 * 2.0 * (1.0 / n + 1.0 / 64.0_f64).sqrt(), "{nats} of {n}");
-    assert!(strain.abs() < 0.02 && misfit.abs() < 0.3, "{strain} {misfit}");
-    // Pressed deeper than the bank's pegs, whose outlines seem farther out.
+    assert!(strain.abs() < 0.02 && misfit.abs() < 3.0 * 0.4 / 2.0_f64.sqrt(), "{strain} {misfit}");
+    let usual = misfit;
+    // Pressed deeper than the bank's pegs and than the networks learnt from: outlines seem farther out.
     let [nats, n, strain, misfit] = measured("other");
-    assert!(nats < -3.0 && strain > 0.01 && misfit > 0.6, "{nats} of {n}, {strain} {misfit}");
+    assert!(nats < -3.0 && strain > 0.01 && misfit - usual > 0.6, "{nats} of {n}, {strain} {misfit} {usual}");
     // It counts where the same networks judge, and nowhere else.
     let own = || Model::load(&at.join("own.safetensors")).unwrap();
     let with_maps = own().with_maps(Maps::load(maps.as_ref()).unwrap()).unwrap();

@@ -258,13 +258,23 @@ impl<'a> Mosaic<'a> {
         Some(Place::of([between(0), between(1), between(2), between(3), between(4)]))
     }
 
-    /// Whether each place is inside the outline, as pixels `step_mm` wide: their number along an axis, and rows from the top. What no touch
-    /// showed is outside.
-    pub fn inside_every(&self, step_mm: f64) -> (usize, Vec<bool>) {
-        let n = (self.n as f64 * CELL_MM / step_mm).ceil() as usize;
-        let mm = |at: usize| (at as f64 + 0.5 - 0.5 * n as f64) * step_mm;
-        let is_inside = |at: usize| self.at([mm(at % n), mm(at / n)]).is_some_and(|place| place.distance_mm < 0.0);
-        (n, (0..n * n).map(is_inside).collect())
+    /// Whether each place is inside the outline, as pixels `step_mm` wide of a square about the middle of what is inside, turned by this
+    /// angle: their number along an axis (0: nothing is inside), and rows from the top. What no touch showed is outside.
+    pub fn inside_every(&self, step_mm: f64, turned_rad: f64) -> (usize, Vec<bool>) {
+        let turned = Se2::new(0.0, 0.0, turned_rad);
+        let is_inside = |place: &Place| place.n_seen > 0.0 && place.distance_mm < 0.0;
+        let inside = (0..self.n * self.n).map(|at| self.cell(at % self.n, at / self.n));
+        let places = inside.filter(|(_, place)| is_inside(place)).map(|(mm, _)| turned.inverse().apply(mm));
+        let none = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        let bounds = places.fold(none, |bounds, mm| {
+            std::array::from_fn(|axis| [bounds[axis][0].min(mm[axis]), bounds[axis][1].max(mm[axis])])
+        });
+        let extent = bounds.map(|[least, most]| most - least).into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let n = ((extent + 2.0 * CELL_MM) / step_mm).ceil().max(0.0) as usize;
+        let middle = bounds.map(|[least, most]| 0.5 * (least + most));
+        let mm = |at: usize, axis: usize| middle[axis] + (at as f64 + 0.5 - 0.5 * n as f64) * step_mm;
+        let place = |at: usize| self.at(turned.apply([mm(at % n, 0), mm(at / n, 1)]));
+        (n, (0..n * n).map(|at| place(at).is_some_and(|place| place.distance_mm < 0.0)).collect())
     }
 
     /// Whether its outline leaves what was seen: a cell inside it touches one that no touch showed.
@@ -524,12 +534,27 @@ pub(super) mod tests {
     fn what_is_inside_is_an_area_and_may_be_cut() {
         let mosaics = mosaics();
         let mosaic = mosaics.of(0, Side::Peg);
-        let (n, inside) = mosaic.inside_every(0.05);
-        assert_eq!((n, inside.len()), (600, 600 * 600));
-        let found = inside.iter().filter(|is| **is).count() as f64 * 0.05 * 0.05;
+        // How many pixels are inside, and from where to where along each axis.
+        let measured = |n: usize, inside: &[bool]| {
+            let places: Vec<[usize; 2]> = (0..n * n).filter(|at| inside[*at]).map(|at| [at % n, at / n]).collect();
+            let along = |axis: usize| places.iter().map(move |place| place[axis]);
+            (places.len(), [0, 1].map(|axis| [along(axis).min().unwrap(), along(axis).max().unwrap()]))
+        };
         let step = |at: usize| (at as f64 + 0.5 - 300.0) * 0.05;
-        let expected = (0..n * n).filter(|at| outline([step(at % n), step(at / n)]) < 0.0).count() as f64 * 0.05 * 0.05;
-        assert!((found - expected).abs() < 0.02 * expected, "{found} {expected}");
+        let inside: Vec<bool> = (0..600 * 600).map(|at| outline([step(at % 600), step(at / 600)]) < 0.0).collect();
+        let (area, [across, down]) = measured(600, &inside);
+        for (turned_deg, expected) in [(0.0_f64, [across, down]), (90.0, [down, across])] {
+            let (n, inside) = mosaic.inside_every(0.05, turned_deg.to_radians());
+            let (found, extents) = measured(n, &inside);
+            assert!((found as f64 / area as f64 - 1.0).abs() < 0.02, "{found} {area}");
+            for ([least, most], [from, to]) in extents.into_iter().zip(expected) {
+                assert!((most - least).abs_diff(to - from) <= 4, "{extents:?} {expected:?}");
+                // In the middle of the square.
+                assert!((least + most).abs_diff(n - 1) <= 4, "{extents:?} of {n}");
+            }
+        }
+        let nothing = Mosaics::stitched(&[Stitcher::new(3.0)], None).unwrap();
+        assert_eq!(nothing.of(0, Side::Peg).inside_every(0.05, 0.0), (0, vec![]));
         assert!(!mosaic.is_cut());
         // One touch does not show all of it.
         let mut stitcher = Stitcher::new(15.0);

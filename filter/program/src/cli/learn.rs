@@ -8,7 +8,7 @@ use tactile_data::frame::npy;
 use tactile_data::program;
 use tactile_data::scene::{PartFile, Parts, Scene};
 use tactile_eval::{Error, Result};
-use tactile_filter::FeltMap;
+use tactile_filter::{Episode, FeltMap};
 use tactile_infer::safefile::write_whole;
 
 /// How high a learnt peg is, mm: higher than any gel goes.
@@ -51,13 +51,14 @@ impl LearntParts {
         Ok(Self { folder: folder.to_owned(), scene, names, n_learnt: 0 })
     }
 
-    /// Adds what an episode felt; says so, or why not.
-    pub fn add(&mut self, episode: usize, felt: &FeltMap) -> Result<()> {
+    /// Adds what an episode felt; says so, or why not. It is in the middle, as its first touch was turned: where the nearest part would be
+    /// may be far off.
+    pub fn add(&mut self, number: usize, felt: &FeltMap, episode: &Episode) -> Result<()> {
         let mosaic = felt.mosaic();
-        let (n, inside) = mosaic.inside_every(PX_MM);
+        let (n, inside) = mosaic.inside_every(PX_MM, episode.estimate().part_from_first.theta_rad);
         let area = inside.iter().filter(|is| **is).count() as f64 * PX_MM * PX_MM;
         if area < LEAST_MM2 {
-            program::warning(format_args!("episode {episode}: not learnt: {area:.0} mm2 are inside of what was felt"));
+            program::warning(format_args!("episode {number}: not learnt: {area:.0} mm2 are inside of what was felt"));
             return Ok(());
         }
         let mut named = (self.n_learnt + 1..).map(|n| format!("learnt-{n}"));
@@ -76,7 +77,7 @@ impl LearntParts {
                 full_scale_mm: None,
             });
         }
-        program::say(format_args!("episode {episode}: {name}, {area:.0} mm2"));
+        program::say(format_args!("episode {number}: {name}, {area:.0} mm2"));
         if mosaic.is_cut() {
             program::warning(format_args!("{name}: its outline leaves what was felt; touch more of it"));
         }

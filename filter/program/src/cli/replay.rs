@@ -147,7 +147,7 @@ impl Replay {
             self.draw(number, &replayed, &bank)?;
             let felt = replayed.felt_map.as_ref().filter(|_| replayed.stop == Some(StopReason::NoneOfThese));
             if let Some((learnt, felt)) = learnt.as_mut().zip(felt) {
-                learnt.add(number, felt)?;
+                learnt.add(number, felt, &replayed.episode)?;
             }
             if let Some(labelled) = &mut labelled {
                 labelled.add(number, touches, &replayed.episode)?;
