@@ -45,9 +45,9 @@ impl FromStr for Faulty {
         for word in text.split(',').filter(|word| !word.is_empty()) {
             let wrong =
                 || Error::invalid("--faults", "dropped, frozen, torn, dark or malformed=0..=1, or gone=SECONDS", word);
-            let (name, value) = word.split_once('=').ok_or_else(wrong)?;
+            let (name, value) = assignment(word).map_err(|_| wrong())?;
             let value: f64 = value.parse().map_err(|_| wrong())?;
-            let (place, most) = match name {
+            let (place, most) = match name.as_str() {
                 "dropped" => (&mut faults.dropped, 1.0),
                 "frozen" => (&mut faults.frozen, 1.0),
                 "torn" => (&mut faults.torn, 1.0),
