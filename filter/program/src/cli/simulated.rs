@@ -9,6 +9,8 @@ use tactile_data::sensor::simulator::Simulator;
 use tactile_live::robot::{Faults, Outcome, Robot, RobotSettings};
 use tactile_live::{Error, Result};
 
+use super::numbers::assignment;
+
 /// Sources of `live` that are no simulated robot: a `requires` would be waived, since they exclude each other.
 const OTHERS: [&str; 3] = ["stdin_mjpeg", "watch", "ros"];
 
