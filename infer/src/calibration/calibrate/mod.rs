@@ -195,8 +195,9 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibration
     let own = touches.among_views.iter().map(AmongViews::own);
     let own_by_edge = is_one_sensor.then(|| OwnByEdge::from_touches(own)).flatten();
     let by_edge = |own: OwnByEdge| touches.among_views.iter().map(|touch| touch.by_edge(&own)).collect();
-    let among_views: Vec<AmongViews> = own_by_edge.map_or_else(|| touches.among_views.clone(), by_edge);
-    let steepness = is_one_sensor.then(|| steepness::steepness(&among_views, n_before)).flatten();
+    let by_edge: Option<Vec<AmongViews>> = own_by_edge.map(by_edge);
+    let among_views = by_edge.as_deref().unwrap_or(&touches.among_views);
+    let steepness = is_one_sensor.then(|| steepness::steepness(among_views, n_before)).flatten();
     Ok(Calibration {
         low_similarity: low_similarity(&touches.bests, prior).unwrap_or(-1.0),
         matched: matched.map(|matched| matched.all),
