@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_infer::calibration::presence::{PresenceOdds, Verified};
-use tactile_infer::maps::sensor_offset::{MOST_MISFIT, MOST_STRAIN, SensorOffset};
+use tactile_infer::maps::sensor_offset::{MOST_STRAIN, SensorOffset};
 use tactile_infer::maps::strain::Strain;
 
 use crate::decision::{Placed, VerifierOffset};
@@ -42,9 +42,6 @@ pub struct SensorMatch {
     /// How much larger parts seem than [`TouchModel::sensor_strain`] has it, where there are maps.
     #[serde(skip_serializing_if = "SensorOffset::is_none")]
     pub strain: SensorOffset,
-    /// How much farther off than usual their maps are than [`TouchModel::sensor_misfit`] has it, nats.
-    #[serde(skip_serializing_if = "SensorOffset::is_none")]
-    pub misfit: SensorOffset,
 }
 
 /// The mean of the standard scores of a hole's edged touches, and how many they are.
@@ -99,11 +96,9 @@ impl SensorMatch {
         let of_scores = self.with(model, scores);
         let Some((verified, odds)) = placed.verified.zip(odds) else { return of_scores };
         let strain = |seems: Strain| self.strain.with_strain(&seems.without(model.sensor_strain));
-        let off = verified.misfit.is_some().then(|| verified.misfit_nats(odds.usual_misfit) - model.sensor_misfit);
         Self {
             verifier: self.verifier.with(model, &verified, odds.usual),
             strain: verified.strain.map_or(self.strain, strain),
-            misfit: off.map_or(self.misfit, |nats| self.misfit.with_misfit(nats)),
             ..of_scores
         }
     }
@@ -113,10 +108,11 @@ impl SensorMatch {
         model.sensor_strain + self.strain.mean
     }
 
-    /// What a verifier says, the strain and the misfit, less what is this sensor's.
+    /// What a verifier says, the strain and the misfit, less what is this sensor's. The misfit is what known touches tell alone: confident
+    /// holes are those whose maps happen to be near.
     pub(crate) fn taken_off(&self, model: &TouchModel, verified: Verified) -> Verified {
         let strain = verified.strain.map(|strain| strain.without(self.strain(model)));
-        let verified = verified.with_misfit_less(model.sensor_misfit + self.misfit.mean);
+        let verified = verified.with_misfit_less(model.sensor_misfit);
         self.verifier.taken_off(model, Verified { strain, ..verified })
     }
 
@@ -139,10 +135,7 @@ impl SensorMatch {
     pub(crate) fn validate(&self) -> Result<()> {
         let is_told =
             self.offset.abs() < 1e6 && (0.0..1e12).contains(&self.weight) && (0.0..1e12).contains(&self.squares);
-        let is_told = is_told
-            && self.verifier.is_valid()
-            && self.strain.is_within(MOST_STRAIN)
-            && self.misfit.is_within(MOST_MISFIT);
+        let is_told = is_told && self.verifier.is_valid() && self.strain.is_within(MOST_STRAIN);
         let is_none = self.n_holes > 0 || *self == Self::default();
         if is_told && is_none {
             return Ok(());
