@@ -7,7 +7,7 @@ use tactile_data::pose::se2::Se2;
 use tactile_infer::calibration::presence::Verified;
 use tactile_infer::maps::align::Drawing;
 use tactile_infer::maps::coverage::outline_mm;
-use tactile_infer::maps::mosaic::{Mosaic, Mosaics};
+use tactile_infer::maps::mosaic::Mosaics;
 use tactile_infer::maps::strain::Strain;
 use tactile_infer::maps::verifier::compared;
 
@@ -75,13 +75,10 @@ impl<'a> Asked<'a> {
         let edged = drawn.iter().filter(|touch| !touch.is_blank).map(|touch| touch.drawing);
         let edged: Vec<Drawing<'_>> = edged.collect();
         let strain = Strain::of(&edged, &mosaic, &placed.part_from_first);
-        // A hole touches the gel where its peg does not.
-        let misfit = |mosaic: &Mosaic<'_>| {
-            mosaic.misfit_of(&all, &placed.part_from_first, self.config.sensor.strain(self.model))
-        };
+        let seems = self.config.sensor.strain(self.model);
         let verified = Verified {
             strain: Some(usual.map_or(strain, |usual| strain.against(&usual))),
-            misfit: Some(&mosaic).filter(|mosaic| mosaic.side() == side).and_then(misfit),
+            misfit: mosaic.misfit_of(side, &all, &placed.part_from_first, seems),
             ..verified
         };
         Placed { verified: Some(verified), ..placed }

@@ -121,7 +121,12 @@ pub struct Mosaic<'a> {
 
 /// The middle of a cell along an axis of `n`, mm.
 fn middle(n: usize, cell: usize) -> f64 {
-    (cell as f64 + 0.5 - 0.5 * n as f64) * CELL_MM
+    cells_off(n, cell) * CELL_MM
+}
+
+/// How many cells it is from the middle of the axis.
+fn cells_off(n: usize, cell: usize) -> f64 {
+    cell as f64 + 0.5 - 0.5 * n as f64
 }
 
 impl Mosaics {
@@ -321,8 +326,10 @@ impl<'a> Mosaic<'a> {
         (n > 0.0).then_some(sum / n).filter(|misfit| misfit.is_finite())
     }
 
-    /// The same of touches where they were made; `None` without any, too.
-    pub fn misfit_of(&self, touches: &[Drawing<'_>], part_from_first: &Se2, strain: f64) -> Option<f64> {
+    /// The same of touches where they were made; `None` without any, too, and of touches of the other side: a hole touches the gel where its
+    /// peg does not.
+    pub fn misfit_of(&self, touched: Side, touches: &[Drawing<'_>], part_from_first: &Se2, strain: f64) -> Option<f64> {
+        let touches = if touched == self.side { touches } else { &[] };
         self.misfit(&Stitcher::laid(touches, part_from_first, MISFIT_CELL_MM)?, strain)
     }
 
@@ -527,7 +534,7 @@ pub(super) mod tests {
         let known = small.misfit(&discs[1], 1.0 - 5.0 / 5.4).unwrap();
         assert!(known < 0.1 * found, "{known} {found}");
         assert_eq!(small.misfit(&Stitcher::new(3.0), 0.0), None);
-        assert_eq!(small.misfit_of(&[], &Se2::IDENTITY, 0.0), None);
+        assert_eq!(small.misfit_of(Side::Peg, &[], &Se2::IDENTITY, 0.0), None);
     }
 
     #[test]

@@ -75,9 +75,10 @@ impl<'a> Judge<'a> {
         let strains = self.judged.iter().filter_map(|touch| touch.strain.as_ref());
         let strain = strains.fold(SensorOffset::default(), |known, strain| known.with_strain(strain)).mean;
         let misfits = self.judged.iter().filter_map(|Judged { map, part, part_from_sensor, .. }| {
-            let mosaic = Some(self.mosaics.of(*part, self.side)).filter(|mosaic| mosaic.side() == self.side)?;
             let drawing = Drawing { map, first_from_sensor: Se2::IDENTITY };
-            Some(misfit_nats(mosaic.misfit_of(&[drawing], part_from_sensor, strain)?) - self.usual_misfit)
+            let misfit =
+                self.mosaics.of(*part, self.side).misfit_of(self.side, &[drawing], part_from_sensor, strain)?;
+            Some(misfit_nats(misfit) - self.usual_misfit)
         });
         (!nats.is_empty()).then(|| OfVerifier {
             maps_sha256: self.verifier.sha256().to_owned(),

@@ -4,7 +4,7 @@ use tactile_data::dataset::touch::OUTLINE_REACH_MM;
 use tactile_data::pose::se2::Se2;
 
 use super::corners::Corners;
-use super::{CELL_MM, Cell, MOST_CELLS};
+use super::{CELL_MM, Cell, MOST_CELLS, cells_off};
 use crate::maps::DrawnMap;
 use crate::maps::align::Drawing;
 
@@ -27,10 +27,15 @@ struct Sums {
     n: f64,
 }
 
+/// How far from a part's origin touches that are made so far from it show something, mm.
+fn reach_mm(farthest_mm: f64, [width, height]: [f64; 2]) -> f64 {
+    farthest_mm + 0.5 * width.hypot(height)
+}
+
 impl Stitcher {
     /// For touches that are made so far from a part's origin and show so much, mm.
-    pub fn around(farthest_mm: f64, [width, height]: [f64; 2]) -> Self {
-        Self::new(farthest_mm + 0.5 * width.hypot(height))
+    pub fn around(farthest_mm: f64, view_mm: [f64; 2]) -> Self {
+        Self::new(reach_mm(farthest_mm, view_mm))
     }
 
     /// For a part that reaches so far from its origin, mm.
@@ -50,10 +55,10 @@ impl Stitcher {
 
     /// The same in cells of this side, mm.
     pub(super) fn laid(touches: &[Drawing<'_>], part_from_first: &Se2, cell_mm: f64) -> Option<Self> {
-        let [width, height] = touches.first()?.map.view_mm;
+        let view_mm = touches.first()?.map.view_mm;
         let poses: Vec<Se2> = touches.iter().map(|touch| *part_from_first * touch.first_from_sensor).collect();
         let farthest = poses.iter().map(|pose| pose.x_mm.abs().max(pose.y_mm.abs())).fold(0.0, f64::max);
-        let mut stitcher = Self::of_cells(farthest + 0.5 * width.hypot(height), cell_mm);
+        let mut stitcher = Self::of_cells(reach_mm(farthest, view_mm), cell_mm);
         touches.iter().zip(&poses).for_each(|(touch, pose)| stitcher.add(touch.map, pose));
         Some(stitcher)
     }
@@ -93,7 +98,7 @@ impl Stitcher {
 
     /// Where the middle of a cell is along an axis, from the part's origin, mm.
     pub(super) fn middle_mm(&self, cell: usize) -> f64 {
-        (cell as f64 + 0.5 - 0.5 * self.n as f64) * self.cell_mm
+        cells_off(self.n, cell) * self.cell_mm
     }
 
     /// `[n, n]`.
